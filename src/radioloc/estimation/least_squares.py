@@ -8,7 +8,6 @@ one led (:mod:`~radioloc.estimation.linearization`). A step that does not lower 
 
 from __future__ import annotations
 
-import enum
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -40,6 +39,7 @@ from radioloc.noise.covariance import ObservationCovariance
 from radioloc.noise.whitening import Rows, RowsOf, StructuredWhitener, Whitener, column
 from radioloc.parameters.parameter import ParameterSet
 from radioloc.quantities import accepts_quantities
+from radioloc.targets.doubts import FitStatus
 from radioloc.vectors import Floats
 
 _MAX_ITERATIONS = 30
@@ -59,19 +59,6 @@ _ROUNDING_OF_ROOT = 1e-4  # in parts of the root of the sum: 1e-7 m in residuals
 _FLOOR_TOLERANCES = 10.0  # steps below that do not become shorter are rounding
 
 _TRIANGLE_REUSE_SCALES = 1.0  # a step of a metre changes the partials by less than 1e-6: their triangle stays
-
-
-class FitStatus(enum.StrEnum):
-    """How a fit ended, and whether what it found can be used; the value is what is shown."""
-
-    CONVERGED = "converged"
-    MAX_ITERATIONS = "not converged: iteration limit reached"
-    DIVERGED = "not converged: no step lowers the sum of squares"
-    UNOBSERVABLE = "not observable: the data do not determine every parameter"
-    UNSETTLED = "not converged: the editing did not settle"
-    HIDDEN = "not converged: a used station cannot see the point"
-    OFF_THE_MOON = "not converged: a height that the Moon does not have"
-    MISFIT = "not converged: residuals far beyond the stated sigmas"
 
 
 @dataclass(frozen=True, slots=True, eq=False)

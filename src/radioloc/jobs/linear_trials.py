@@ -18,7 +18,7 @@ from radioloc.estimation.series import SeriesOrder
 from radioloc.estimation.time_correlation import estimated_covariance
 from radioloc.estimation.variance_components import fit_with_variance_components
 from radioloc.jobs.problem import with_weights
-from radioloc.jobs.verdict import WIDEST_M, heights, misfits
+from radioloc.jobs.verdict import WIDEST_M, misfits
 from radioloc.labels import Labels
 from radioloc.noise import ObservationCovariance
 from radioloc.parameters.parameter import ParameterSet
@@ -26,6 +26,7 @@ from radioloc.results.monte_carlo import sides_of
 from radioloc.simulation.noise import NoiseDraws
 from radioloc.simulation.truth import DrawnErrors
 from radioloc.study.study import EstimateChoice
+from radioloc.targets.doubts import height_doubts
 from radioloc.targets.orbit_state import ALONG_ACROSS_RADIAL
 
 _Floats = NDArray[np.float64]
@@ -134,7 +135,7 @@ class LinearTrials:
         moved_m = compared.by_parameters @ (x - arc.problem.x[:count])
         doubts = list(misfits(found, arc.noise.sigma_m, arc.order.types))
         if arc.height_m is not None:
-            doubts += heights(arc.height_m + moved_m[0, 2])
+            doubts += height_doubts(arc.height_m + moved_m[0, 2])
         errors_m = moved_m - compared.offset_m - compared.by_drawn @ errors
         by = compared.by_parameters
         considered_m = by @ moved + compared.by_considered

@@ -30,17 +30,18 @@ from radioloc.jobs.problem import EstimationProblem, GravityErrorOrbits, orbit_s
 from radioloc.jobs.station_doubts import coordinate_doubts
 from radioloc.jobs.stochastic import StochasticProblem
 from radioloc.jobs.usability import usability
-from radioloc.jobs.verdict import cut_off_ends, mark_if_unobservable, misfits, places, search_that_helps
+from radioloc.jobs.verdict import mark_if_unobservable, misfits, search_that_helps
 from radioloc.labels import USED, Labels
 from radioloc.lunar import rot_pa_to_me
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.predictor import Predictor, blocks
 from radioloc.measurements.target_motion import Motions, positions_pa_m
-from radioloc.results.build import Doubt, build_solution, compare_with
+from radioloc.results.build import build_solution, compare_with
 from radioloc.results.solution import Solution, TargetPosition
 from radioloc.study.study import EstimateChoice, Study
 from radioloc.study.study_file import as_study
 from radioloc.targets.design import ObservationModel
+from radioloc.targets.doubts import Doubt, FittedObservations
 from radioloc.targets.orbit_state import OrbitState
 
 logger = logging.getLogger(__name__)
@@ -164,12 +165,18 @@ class _Fitted:
         if problem.estimate is None:
             return []
         doubts = [*misfits(edited, problem.noise.sigma_m, problem.order.types)]
-        if problem.model.of_orbit:
-            doubts += cut_off_ends(edited, problem.arc.observations)
-        # Where the residuals do not fit at all, place and sigmas are no reasons of their own.
-        if not doubts and problem.study.points and problem.estimate.position != "none":
-            doubts += places(self.model.predictor, self.motions, edited.fit.used, self.elevation_deg)
-        return doubts
+        for k, target in enumerate(self.model.targets):
+            fitted = FittedObservations(
+                self.model.predictor,
+                k,
+                edited.given.are(USED),
+                edited.fit.used,
+                edited.fit.residual_m,
+                self.elevation_deg,
+            )
+            doubts += target.doubts(self.x[self.model.columns_of(k)], fitted)
+        # A place is no reason of its own where the residuals do not fit.
+        return [doubt for doubt in doubts if doubt.status is FitStatus.MISFIT] or doubts
 
     @property
     def fits(self) -> bool:

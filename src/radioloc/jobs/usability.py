@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.constants import SECONDS_PER_DAY
-from radioloc.jobs.verdict import LOWEST_EARTH_DEG
 from radioloc.labels import USED, Labels
 from radioloc.lunar.visibility import earth_elevation_rad
 from radioloc.measurements.predictor import Predictor, blocks, reasons
 from radioloc.measurements.target_motion import Motions
 from radioloc.media.status import Status
+from radioloc.targets.doubts import MIN_EARTH_ELEVATION_DEG
 from radioloc.time import Epochs, evaluate_smooth, tt_to_tdb, utc_to_tt
 
 _EARTH_ELEVATION_MARGIN_DEG = 1.0  # change of the Earth's elevation between two of the epochs six hours apart
@@ -31,7 +31,7 @@ def usability(arc: Predictor, motions: Motions | None = None) -> tuple[Labels, N
         for k, motion in enumerate(motions)
         if motion.trajectory is None
     }
-    limit_deg = LOWEST_EARTH_DEG + _EARTH_ELEVATION_MARGIN_DEG
+    limit_deg = MIN_EARTH_ELEVATION_DEG + _EARTH_ELEVATION_MARGIN_DEG
     low_targets = [k for k, elevation in earth_elevation.items() if _min_deg(elevation, epoch) < limit_deg]
     codes = np.zeros(len(arc.observations), dtype=np.int8)
     labels = np.zeros(len(arc.observations), dtype=np.int32)
@@ -48,7 +48,7 @@ def usability(arc: Predictor, motions: Motions | None = None) -> tuple[Labels, N
             # The Earth moves in the lander's sky with the librations, in days.
             tdb = tt_to_tdb(utc_to_tt(epoch[target_rows]))
             elevation_deg = np.degrees(evaluate_smooth(earth_elevation[target], tdb))
-            for k in np.flatnonzero(elevation_deg < LOWEST_EARTH_DEG):
+            for k in np.flatnonzero(elevation_deg < MIN_EARTH_ELEVATION_DEG):
                 text = Status.EARTH_BELOW_HORIZON.text(elevation_deg[k])
                 codes[target_rows[k]] = Status.EARTH_BELOW_HORIZON
                 labels[target_rows[k]] = label_numbers.setdefault(text, len(label_numbers))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -23,16 +23,9 @@ from radioloc.labels import Labels
 from radioloc.lunar.local import local_difference
 from radioloc.lunar.selenographic import cartesian_to_selenographic
 from radioloc.results.solution import Solution
+from radioloc.targets.doubts import Doubt
 from radioloc.time import Epochs
 from radioloc.vectors import Floats
-
-
-@dataclass(frozen=True, slots=True)
-class Doubt:
-    """Why an estimate cannot be used although the fit converged: a status, and a sentence with numbers."""
-
-    status: FitStatus
-    reason: str
 
 
 def build_solution(

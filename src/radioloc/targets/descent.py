@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.dynamics import AdjustableOrbit
 from radioloc.lunar import cartesian_to_selenographic, east_north_up
 from radioloc.lunar.local import rot_pa_to_enu
 from radioloc.measurements.lunar_motion import lunar_motion
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.parameters.parameter import Parameter, Role
+from radioloc.targets.doubts import Doubt, FittedObservations, cut_off_doubts, height_doubts
 from radioloc.targets.orbit import GravityErrors, OnOrbit
 from radioloc.targets.orbit_state import EAST_NORTH_UP, OrbitState
 from radioloc.targets.surface_point import PositionFunction, PositionParameters
@@ -75,6 +78,11 @@ class Descent(OnOrbit):
         """Return the partials of the place by x, east, north and up, shape (1, 3, p)."""
         position_pa_m, by_x = self.position(x)
         return (rot_pa_to_enu(position_pa_m, rot_pa_to_me) @ by_x)[None]
+
+    def doubts(self, x: Floats, fitted: FittedObservations) -> Iterator[Doubt]:
+        """Doubt a descent as an orbit, or one that ends off the Moon's surface."""
+        yield from cut_off_doubts(fitted)
+        yield from height_doubts(float(np.linalg.norm(self.position(x)[0])) - MEAN_LUNAR_RADIUS_M)
 
     def with_orbit(self, orbit: AdjustableOrbit) -> Descent:
         """Return the target about another a-priori orbit of the same parameters."""

@@ -9,6 +9,7 @@ import numpy as np
 from radioloc.ephemeris.trajectory import AnyTrajectory
 from radioloc.measurements.target_motion import TrajectoryMotion
 from radioloc.parameters.parameter import Parameter, Role
+from radioloc.targets.doubts import FittedObservations
 from radioloc.targets.orbit_state import EAST_NORTH_UP
 from radioloc.targets.surface_point import cartesian
 from radioloc.targets.target import WithoutForces
@@ -60,6 +61,10 @@ class KnownTrajectory(WithoutForces):
     def position(self, x: Floats) -> tuple[Floats, Floats]:
         """Return the offset, which stands for the place on the Moon, and its partials."""
         return x, np.eye(3)
+
+    def doubts(self, x: Floats, fitted: FittedObservations) -> tuple[()]:
+        """Return none: nothing is estimated."""
+        return ()
 
     def solved(self, wanted: Floats, x: Floats) -> Floats:
         """Return the wanted offset."""

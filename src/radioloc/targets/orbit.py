@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,6 +13,7 @@ from radioloc.dynamics.elements import FORMS, elements_from_state, state_with_pa
 from radioloc.dynamics.gravity_errors import draw_gravity_errors, gravity_perturbations
 from radioloc.measurements.target_motion import OrbitMotion
 from radioloc.parameters.parameter import Parameter, Role
+from radioloc.targets.doubts import Doubt, FittedObservations, cut_off_doubts
 from radioloc.targets.orbit_state import ALONG_ACROSS_RADIAL, OrbitState, along_across_radial
 from radioloc.targets.surface_point import PositionFunction, PositionParameters
 from radioloc.targets.target import ProcessNoise, solve_parameters
@@ -86,6 +87,10 @@ class OnOrbit:
         """Return the parameters of an orbit whose own have wanted values, starting at x."""
         changes = wanted - np.array(list(self.orbit.values.values()))
         return solve_parameters(self.changes, changes, x)
+
+    def doubts(self, x: Floats, fitted: FittedObservations) -> Iterator[Doubt]:
+        """Doubt an orbit whose first or last observations are all outliers."""
+        yield from cut_off_doubts(fitted)
 
     def gravity_errors(self, x: Floats) -> AdjustableOrbit | None:
         """Return the orbit at x with the errors of its gravity field that are considered; None without any."""

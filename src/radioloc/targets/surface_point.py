@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +16,7 @@ from radioloc.lunar.local import rot_pa_to_enu
 from radioloc.lunar.terrain import height_and_gradient
 from radioloc.measurements.target_motion import FixedPoint
 from radioloc.parameters.parameter import Parameter, Role
+from radioloc.targets.doubts import Doubt, FittedObservations, place_doubts
 from radioloc.targets.orbit_state import EAST_NORTH_UP
 from radioloc.targets.target import WithoutForces, solve_parameters
 from radioloc.time import Epochs
@@ -67,6 +68,11 @@ class SurfacePoint(WithoutForces):
         """Return the point at parameters x, and the partials of its position in principal axes."""
         position_pa_m, by_x = self.position(x)
         return FixedPoint(position_pa_m), by_x
+
+    def doubts(self, x: Floats, fitted: FittedObservations) -> Iterator[Doubt]:
+        """Doubt an estimate off the Moon's surface, or one that no station sees."""
+        if any(item.role is Role.ESTIMATED for item in self.parameters):
+            yield from place_doubts(self.position(x)[0], fitted)
 
     def solved(self, wanted: Floats, x: Floats) -> Floats:
         """Return x with the last three parameters for a wanted position, principal axes, m."""

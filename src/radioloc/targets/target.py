@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Protocol, Self
 
 import numpy as np
@@ -11,6 +11,7 @@ from radioloc.dynamics import AdjustableOrbit
 from radioloc.errors import InputError
 from radioloc.measurements.target_motion import TargetMotion
 from radioloc.parameters.parameter import Parameter
+from radioloc.targets.doubts import Doubt, FittedObservations
 from radioloc.targets.orbit_state import OrbitState
 from radioloc.time import Epochs
 from radioloc.vectors import Floats
@@ -97,6 +98,9 @@ class Target(Protocol):
 
     def gravity_errors(self, x: Floats) -> AdjustableOrbit | None:
         """Return the orbit at x with the errors of its gravity field that are considered; None without any."""
+
+    def doubts(self, x: Floats, fitted: FittedObservations) -> Iterable[Doubt]:
+        """Return reasons why the estimate x cannot be used although the fit has converged."""
 
     def estimate(
         self, x: Floats, covariance: Floats, sensitivity: Floats, errors: AdjustableOrbit | None

@@ -11,11 +11,11 @@ from reader_cases import EXAMPLES
 import radioloc
 from radioloc.estimation import FitStatus
 from radioloc.jobs.preparation import prepared_arc
-from radioloc.jobs.verdict import heights, places
 from radioloc.lunar import LunarPosition
-from radioloc.measurements import MEASUREMENTS, FixedPoint, Link, PhysicalModel
+from radioloc.measurements import MEASUREMENTS, Link, PhysicalModel
 from radioloc.simulation import Noise, NoiseModel, Scenario, Schedule
 from radioloc.study import EstimateChoice, ModelChoice, ObservationChoice
+from radioloc.targets.doubts import FittedObservations, height_doubts, place_doubts
 
 
 @pytest.fixture(scope="module")
@@ -84,13 +84,14 @@ def test_a_point_that_no_station_sees_does_not_converge(tracking):
     """On the far side, from where the delays of a baseline are nearly those of the near side."""
     arc, _ = prepared_arc(study(), tracking)
     used, elevation_deg = np.ones(len(tracking), dtype=bool), np.full(len(tracking), 20.0)
-    here_m = change5_case.LANDER.to_axes("PA", arc.model.ephemeris.constants).xyz_m
-    assert [*places(arc, [FixedPoint(here_m)], used, elevation_deg)] == []
-    [doubt] = places(arc, [FixedPoint(-here_m)], used, elevation_deg)
+    fitted = FittedObservations(arc, 0, used, used, np.zeros(len(tracking)), elevation_deg)
+    place_m = change5_case.LANDER.to_axes("PA", arc.model.ephemeris.constants).xyz_m
+    assert [*place_doubts(place_m, fitted)] == []
+    [doubt] = place_doubts(-place_m, fitted)
     assert doubt.status is FitStatus.HIDDEN
     assert "deg below its horizon" in doubt.reason
     elevation_deg[7] = -0.5
-    [doubt] = places(arc, [FixedPoint(here_m)], used, elevation_deg)
+    [doubt] = place_doubts(place_m, fitted)
     assert doubt.status is FitStatus.HIDDEN
     assert "1 used observation is below" in doubt.reason
 
@@ -99,7 +100,7 @@ def test_a_point_that_no_station_sees_does_not_converge(tracking):
     ("height_m", "good"), [(10_700.0, True), (-9_100.0, True), (19.683e6, False), (-3e4, False)]
 )
 def test_heights_are_those_of_the_moon(height_m, good):
-    assert [doubt.status for doubt in heights(height_m)] == ([] if good else [FitStatus.OFF_THE_MOON])
+    assert [doubt.status for doubt in height_doubts(height_m)] == ([] if good else [FitStatus.OFF_THE_MOON])
 
 
 def test_ranges_that_are_too_long_are_a_height_that_the_moon_does_not_have(tracking):

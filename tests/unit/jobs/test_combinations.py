@@ -83,8 +83,8 @@ def arcs(scene, names):
 
 def leave_one_out(scene, names):
     study = radioloc.leave_one_out(scene.study(*names), scene.observations)
-    assert len(study.without) >= 3 * len(names)
-    assert all(row.sigmas is not None for row in study.without if row.kind == "station")
+    assert len(study.omissions) >= 3 * len(names)
+    assert all(row.sigmas is not None for row in study.omissions if row.kind == "station")
 
 
 def simulate(scene, names):

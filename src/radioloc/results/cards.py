@@ -129,7 +129,8 @@ class Card:
     def html(self, verdict: str = "") -> str:
         """Render with the style sheet, for a notebook."""
         fields = html_fields(self.fields, verdict=verdict)
-        return f'<style>{style_sheet()}</style><div class="radioloc">{fields}</div>'
+        style = " ".join(style_sheet().split())  # in one line, as notebooks store each line by itself
+        return f'<style>{style}</style><div class="radioloc">{fields}</div>'
 
 
 @cache

@@ -1,4 +1,4 @@
-"""What is located: points fixed to the Moon, known trajectories, orbits and descents, behind one protocol.
+"""Targets that are located: points fixed to the Moon, known trajectories, orbits and descents, behind one protocol.
 
 A :class:`Target` has its parameters, its motion as a function of them, and its own estimate.
 """

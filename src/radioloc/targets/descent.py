@@ -99,8 +99,8 @@ class Descent(OnOrbit):
         landed = replace(landed, span_s=(min(landed.span_s[0], first_s), landed.span_s[1]))
         landed.require_above_ground()
         moved_at_touchdown = by_x @ sensitivity
-        own = by_x @ covariance @ by_x.T - moved_at_touchdown @ moved_at_touchdown.T
-        to_epoch = np.vstack([landed.partials(self.epoch)[0], np.eye(len(own))[6:]])
+        independent = by_x @ covariance @ by_x.T - moved_at_touchdown @ moved_at_touchdown.T
+        to_epoch = np.vstack([landed.partials(self.epoch)[0], np.eye(len(independent))[6:]])
         flight = landed.moved_to(self.epoch)
         until_s = float(landed.epoch.seconds_since(self.epoch)[0]) - _BEFORE_S
         flight = replace(flight, span_s=(flight.span_s[0], until_s))
@@ -108,7 +108,9 @@ class Descent(OnOrbit):
         if errors is not None and moved.size:
             moved[:6] -= errors.effects(self.epoch)[0]
             disturbed = self.errors.of(flight)
-        return OrbitState(flight, to_epoch @ own @ to_epoch.T + moved @ moved.T, moved, disturbed, self.body)
+        return OrbitState(
+            flight, to_epoch @ independent @ to_epoch.T + moved @ moved.T, moved, disturbed, self.body
+        )
 
     def changes(self, x: Floats) -> tuple[Floats, Floats]:
         """Changes of the orbit's parameters, shape (q,), and their partials, shape (q, p)."""
@@ -126,9 +128,9 @@ class Descent(OnOrbit):
         place_pa_m, by_x = self.place(x[:3])
         return place_pa_m, np.pad(by_x, ((0, 0), (0, len(x) - 3)))
 
-    def solved(self, wanted: Floats, x: Floats) -> Floats:
-        """Return the parameters of an orbit whose own, from the state at the touchdown on, have wanted values."""
-        return np.concatenate([self.touchdown_of(wanted[:6]), wanted[6:]])
+    def solved(self, target_values: Floats, x: Floats) -> Floats:
+        """Return the parameters for target values of the orbit's parameters, the state at the touchdown first."""
+        return np.concatenate([self.touchdown_of(target_values[:6]), target_values[6:]])
 
     def touchdown_of(self, state: Floats) -> Floats:
         """Return the parameters of place and velocity, shape (6,), of a state at the touchdown."""

@@ -29,7 +29,7 @@ _MIN_KEPT_ROWS = 2**16  # of an arc whose partials by considered parameters are 
 
 @dataclass(frozen=True, slots=True)
 class ObservationModel:
-    """What is solved for in an arc, and how the observations follow from it."""
+    """Parameters of an arc, and the observations as a function of them."""
 
     predictor: Predictor
     parameters: (
@@ -41,7 +41,7 @@ class ObservationModel:
     process: StochasticAccelerations | None = None  # of the orbit
     considered_kinds: int = 0  # number of kinds, the last, whose parameters are considered
     # Partials by these for a long arc: they change by parts of 1e-4 while the estimate moves by kilometres.
-    kept: list[PartialsByLink] = field(default_factory=list, compare=False, repr=False)
+    partials_cache: list[PartialsByLink] = field(default_factory=list, compare=False, repr=False)
 
     @classmethod
     def of(
@@ -52,7 +52,7 @@ class ObservationModel:
     ) -> ObservationModel:
         """Put targets and kinds of parameter together."""
         parameters = [parameter for target in targets for parameter in target.parameters]
-        parameters += [parameter for _, found in kinds for parameter in found]
+        parameters += [parameter for _, items in kinds for parameter in items]
         return cls(
             predictor,
             ParameterSet(parameters),
@@ -94,7 +94,7 @@ class ObservationModel:
 
     @property
     def of_orbit(self) -> bool:
-        """Whether a target moves by forces."""
+        """True if a target moves by forces."""
         return bool(self.orbit_indices)
 
     def with_orbit(self, orbit: AdjustableOrbit) -> ObservationModel:
@@ -114,8 +114,8 @@ class ObservationModel:
         """Return the columns of a target among the partials by all motions, of which there may be another `count`."""
         x = self.parameters.prior_values
         sizes = [len(item.motion(x[self.columns_of(k)])[1]) for k, item in enumerate(self.targets)]
-        begin, after = sum(sizes[:target]), sum(sizes[target + 1 :])
-        return slice(begin, (sum(sizes) if count is None else count) - after)
+        begin, trailing = sum(sizes[:target]), sum(sizes[target + 1 :])
+        return slice(begin, (sum(sizes) if count is None else count) - trailing)
 
     @property
     def first(self) -> int:
@@ -124,9 +124,9 @@ class ObservationModel:
 
     def columns_of(self, target: int) -> slice:
         """Parameters on which the motion of a target depends."""
-        begin = sum(len(other.parameters) for other in self.targets[:target])
-        mine = self.targets[target]
-        return slice(begin - mine.preceding, begin + len(mine.parameters))
+        begin = sum(len(preceding.parameters) for preceding in self.targets[:target])
+        item = self.targets[target]
+        return slice(begin - item.preceding, begin + len(item.parameters))
 
     def position_pa_m(self, x: Floats, target: int = 0) -> Floats:
         """Position of a target at parameters x, principal axes, m, shape (3,); zeros on a trajectory without end."""
@@ -134,8 +134,8 @@ class ObservationModel:
 
     def position_partials(self, x: Floats, target: int = 0) -> Floats:
         """d(position of a target)/d(parameters), shape (3, p); zeros on a trajectory without end."""
-        partials, mine = np.zeros((3, len(self.parameters))), self.columns_of(target)
-        partials[:, mine] = self.targets[target].position(x[mine])[1]
+        partials, columns = np.zeros((3, len(self.parameters))), self.columns_of(target)
+        partials[:, columns] = self.targets[target].position(x[columns])[1]
         return partials
 
     def local_partials(self, x: Floats, tdb: Epochs, target: int = 0) -> Floats:
@@ -157,20 +157,20 @@ class ObservationModel:
         residual_m = self.predictor.observations.value_m - at.value_m
         if self.process is not None:
             residual_m += self.process.effects_m(self.process.reference)
-        here = DesignMatrix(self, at, motions, x, residual_m)
+        design = DesignMatrix(self, at, motions, x, residual_m)
         first = self.first
         if x[first:].any():
-            order = here.row_order()
+            order = design.row_order()
             for start in range(0, len(order), ROWS_AT_ONCE):
                 rows = order[start : start + ROWS_AT_ONCE]
-                residual_m[rows] -= here.partials(rows, of_kinds_only=True) @ x[first:]
+                residual_m[rows] -= design.partials(rows, of_kinds_only=True) @ x[first:]
         residual_m.flags.writeable = False
-        return here
+        return design
 
     def residuals(self, x: Floats) -> tuple[Floats, Floats]:
         """Observed minus computed (n,), m, and partials of the computed (n, p), all at once."""
-        here = self.linearize(x)
-        return here.residual_m, here.partials(np.arange(len(here.residual_m)))
+        design = self.linearize(x)
+        return design.residual_m, design.partials(np.arange(len(design.residual_m)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -235,14 +235,16 @@ class DesignMatrix:
         model, combined = self.model, isinstance(self.at, CombinedPrediction)
         if not model.considered_kinds or combined or len(self.residual_m) < _MIN_KEPT_ROWS:
             return None
-        if not model.kept:
+        if not model.partials_cache:
             kinds = model.columns[model.estimated_kinds :]
 
             def considered_partials(rows: Rows) -> Floats:
                 return self._simple(rows, self.at, model.predictor, first=0, kinds=kinds)
 
-            model.kept.append(PartialsByLink.of(considered_partials, model.predictor.observations.link))
-        return model.kept[0]
+            model.partials_cache.append(
+                PartialsByLink.of(considered_partials, model.predictor.observations.link)
+            )
+        return model.partials_cache[0]
 
     def _simple(
         self, rows: Rows, at: Prediction, predictor: Predictor, first: int, kinds: Sequence[Columns]
@@ -255,10 +257,10 @@ class DesignMatrix:
         out = np.zeros((start + sum(map(len, kinds)), len(rows))).T
         begin = 0
         for k, target in enumerate(model.targets[:first]):
-            mine = model.columns_of(k)
-            by_x = target.motion(self.x[mine])[1]
+            of_target = model.columns_of(k)
+            by_x = target.motion(self.x[of_target])[1]
             end = begin + len(by_x)
-            out[:, mine] += part.computed.by_motion[:, begin:end] @ by_x
+            out[:, of_target] += part.computed.by_motion[:, begin:end] @ by_x
             begin = end
         for columns in kinds:
             columns.design(part, out[:, start : start + len(columns)])
@@ -307,10 +309,10 @@ class PartialsByLink:
         block = self._block(place)
         for number in np.unique(block).tolist():
             columns = np.searchsorted(parameters, self.parameters[number])
-            mine = np.flatnonzero(block == number)
-            of_block = place[mine] - self.starts[number]
+            block_rows = np.flatnonzero(block == number)
+            of_block = place[block_rows] - self.starts[number]
             # A slice is copied several times as fast as rows that are picked.
-            to, source = _as_slice(mine), _as_slice(of_block)
+            to, source = _as_slice(block_rows), _as_slice(of_block)
             for column, values in zip(columns.tolist(), self.values[number], strict=True):
                 out[to, column] = values[source]
 

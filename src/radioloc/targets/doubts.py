@@ -29,7 +29,7 @@ _MAX_MANOEUVRE_M_S = 200.0  # Change of a round-trip range rate; counts without 
 
 
 class FitStatus(enum.StrEnum):
-    """How a fit ended, and whether its estimate can be used; the value is what is shown."""
+    """End of a fit, and whether its estimate can be used; the value is shown to users."""
 
     CONVERGED = "converged"
     MAX_ITERATIONS = "not converged: iteration limit reached"
@@ -94,14 +94,15 @@ def place_doubts(position_pa_m: Floats, fitted: FittedObservations) -> Iterator[
             f"no station sees the point: the Earth is {-lowest_deg:.1f} deg below its horizon; the estimate is on the "
             "wrong side of the Moon, so start from a closer a-priori position",
         )
-    below = rows[fitted.elevation_deg[rows] < 0.0]
-    if len(below):
-        row = below[int(fitted.elevation_deg[below].argmin())]
+    low_rows = rows[fitted.elevation_deg[rows] < 0.0]
+    if len(low_rows):
+        row = low_rows[int(fitted.elevation_deg[low_rows].argmin())]
+        path = observations.links[observations.link[row]].path
         yield Doubt(
             FitStatus.HIDDEN,
-            f"{len(below)} used observation{'s are' if len(below) > 1 else ' is'} below a station's horizon for a "
-            f"point at the estimate, the lowest by {-fitted.elevation_deg[row]:.1f} deg "
-            f"({observations.links[observations.link[row]].path}): check the stations and the epochs",
+            f"{len(low_rows)} used observation{'s are' if len(low_rows) > 1 else ' is'} below a station's horizon for "
+            f"a point at the estimate, the lowest by {-fitted.elevation_deg[row]:.1f} deg ({path}): check the stations "
+            "and the epochs",
         )
 
 

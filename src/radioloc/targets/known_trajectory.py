@@ -66,6 +66,6 @@ class KnownTrajectory(WithoutForces):
         """Return none: nothing is estimated."""
         return ()
 
-    def solved(self, wanted: Floats, x: Floats) -> Floats:
+    def solved(self, target_values: Floats, x: Floats) -> Floats:
         """Return the wanted offset."""
-        return wanted
+        return target_values

@@ -83,9 +83,9 @@ class OnOrbit:
         """Return the orbit of parameters x."""
         return self.orbit.corrected(self.changes(x)[0])
 
-    def solved(self, wanted: Floats, x: Floats) -> Floats:
-        """Return the parameters of an orbit whose own have wanted values, starting at x."""
-        changes = wanted - np.array(list(self.orbit.values.values()))
+    def solved(self, target_values: Floats, x: Floats) -> Floats:
+        """Return the parameters for target values of the orbit's parameters, starting at x."""
+        changes = target_values - np.array(list(self.orbit.values.values()))
         return solve_parameters(self.changes, changes, x)
 
     def doubts(self, x: Floats, fitted: FittedObservations) -> Iterator[Doubt]:
@@ -143,12 +143,12 @@ def orbit_parameters(
 ) -> PositionParameters:
     """Return the parameters of an orbit in one of the forms of a state, with a-priori sigmas by name, else free."""
     # Nothing is `estimated`, or all but the `state`. Angles are from the Moon's equator.
-    impulses = {one.name for one in orbit.forces.impulses}
+    impulses = {item.name for item in orbit.forces.impulses}
     # Thrust moves the spacecraft by a metre while it lasts, about.
     of_thrust = {
-        one.name: float(one.stop.seconds_since(one.start)[0]) ** -2
-        for one in orbit.forces.accelerations
-        if one.start is not None and one.stop is not None
+        item.name: float(item.stop.seconds_since(item.start)[0]) ** -2
+        for item in orbit.forces.accelerations
+        if item.start is not None and item.stop is not None
     }
 
     def unit_and_scale(name: str) -> tuple[str, float]:

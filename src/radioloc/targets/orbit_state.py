@@ -58,21 +58,21 @@ class ProcessEstimate:
 
     def covariance_at(self, tdb: Epochs, partials: Floats) -> tuple[Floats, Floats]:
         """Partials (n, 6, p + 9), from those by the parameters on, and covariance of what they are by."""
-        chain, step, near = self.effects.intervals(tdb)
-        whole = np.concatenate([partials, partials[:, :, :6], near], axis=2)
-        covariance = np.empty((len(step), whole.shape[2], whole.shape[2]))
-        for which, of_steps in enumerate(self.covariance):
-            covariance[chain == which] = of_steps[step[chain == which]]
-        return whole, covariance
+        chain, step, of_acceleration = self.effects.intervals(tdb)
+        by_all = np.concatenate([partials, partials[:, :, :6], of_acceleration], axis=2)
+        covariance = np.empty((len(step), by_all.shape[2], by_all.shape[2]))
+        for number, of_steps in enumerate(self.covariance):
+            covariance[chain == number] = of_steps[step[chain == number]]
+        return by_all, covariance
 
     def to_dict(self) -> dict[str, Any]:
-        """In types that JSON has; accelerations in the order of time."""
+        """Return the estimate in types that JSON has, accelerations in the order of time."""
 
         def in_order(chains: Chains) -> Floats:
             return np.concatenate([chains[1][:-1][::-1], chains[0][:-1]])
 
-        after, before = (np.sqrt(np.diagonal(one, axis1=1, axis2=2)[:, -3:]) for one in self.covariance)
-        values, sigmas = in_order(self.values_m_s2), in_order((after, before)) * self.sigma_m_s2
+        later, earlier = (np.sqrt(np.diagonal(item, axis1=1, axis2=2)[:, -3:]) for item in self.covariance)
+        values, sigmas = in_order(self.values_m_s2), in_order((later, earlier)) * self.sigma_m_s2
         epoch, interval_s = self.effects.orbit.epoch, self.effects.interval_s
         starts_s = interval_s * (np.arange(len(values)) - len(self.values_m_s2[1]) + 1.0)
         starts = epoch.shifted(starts_s)
@@ -108,22 +108,22 @@ class OrbitState:
 
     @property
     def epoch(self) -> Epochs:
-        """TDB, one."""
+        """Epoch of the state, TDB."""
         return self.orbit.epoch
 
     @property
     def position_m(self) -> Floats:
-        """Relative to the Moon's centre, ICRF axes, shape (3,)."""
+        """Position relative to the Moon's centre, ICRF axes, shape (3,)."""
         return self.orbit.state[:3]
 
     @property
     def velocity_m_s(self) -> Floats:
-        """Likewise, shape (3,)."""
+        """Velocity relative to the Moon's centre, ICRF axes, shape (3,)."""
         return self.orbit.state[3:]
 
     @property
     def covariance(self) -> Floats:
-        """Of position and velocity, m and m/s, ICRF axes, shape (6, 6)."""
+        """Covariance of position and velocity, m and m/s, ICRF axes, shape (6, 6)."""
         return self.parameter_covariance[:6, :6]
 
     @accepts_quantities
@@ -139,24 +139,24 @@ class OrbitState:
             partials = turned(rtn_axes(*self.orbit.states(tdb)), by_parameters)
             return partials @ covariance @ np.swapaxes(partials, 1, 2), np.zeros((len(tdb), 6, 0))
         partials, direct = self.partials_rtn(tdb)
-        own = self.parameter_covariance - self.sensitivity @ self.sensitivity.T
+        independent = self.parameter_covariance - self.sensitivity @ self.sensitivity.T
         # An error that the model does not have changes the estimate, and the truth as well.
-        return partials @ own @ np.swapaxes(partials, 1, 2), partials @ self.sensitivity - direct
+        return partials @ independent @ np.swapaxes(partials, 1, 2), partials @ self.sensitivity - direct
 
-    def difference_from_all(self, whole: OrbitState) -> StateDifference:
-        """Compare the state from a part of the data with that from all, whose difference it is uncorrelated with."""
-        # The covariance of the difference is that of the part less that of the whole (Hausman 1978); errors of gravity,
-        # which no weights have, are the same in both.
-        epoch = whole.epoch
-        axes = rtn_axes(whole.position_m[None], whole.velocity_m_s[None])
-        states = (np.concatenate(one.orbit.states(epoch), axis=-1) for one in (self, whole))
-        [apart] = turned(axes, np.subtract(*states)[:, :, None])[:, :, 0]
+    def difference_from_all(self, reference: OrbitState) -> StateDifference:
+        """Return the difference of the state from a part of the data to the reference, the state from all."""
+        # The covariance of the difference is that of the part less that of all (Hausman 1978). Errors of gravity, which
+        # no weights have, are the same in both.
+        epoch = reference.epoch
+        axes = rtn_axes(reference.position_m[None], reference.velocity_m_s[None])
+        states = (np.concatenate(state.orbit.states(epoch), axis=-1) for state in (self, reference))
+        [error] = turned(axes, np.subtract(*states)[:, :, None])[:, :, 0]
         (noise, by_errors), (noise_of_all, by_errors_of_all) = (
-            one._covariance_parts_rtn(epoch) for one in (self, whole)
+            state._covariance_parts_rtn(epoch) for state in (self, reference)
         )
         change = by_errors - by_errors_of_all
         [covariance] = noise - noise_of_all + change @ np.swapaxes(change, 1, 2)
-        difference = StateDifference(tuple(apart[:3].tolist()))
+        difference = StateDifference(tuple(error[:3].tolist()))
         if not np.isfinite(covariance).all() or not (np.diag(covariance) > 0.0).all():
             return difference
         sigma = np.sqrt(np.diag(covariance))
@@ -164,7 +164,7 @@ class OrbitState:
         scaled = covariance / np.outer(sigma, sigma)
         if not (np.linalg.eigvalsh(scaled) > 0.0).all():
             return difference
-        ratio = apart / sigma
+        ratio = error / sigma
         return replace(difference, sigmas=float(np.sqrt(ratio @ np.linalg.solve(scaled, ratio))))
 
     @accepts_quantities
@@ -202,7 +202,7 @@ class OrbitState:
         return axis_m * (1.0 - size) - MEAN_LUNAR_RADIUS_M, highest_m
 
     def to_dict(self) -> dict[str, Any]:
-        """In types that JSON has."""
+        """Return the state in types that JSON has."""
         mapped = self.orbit.times(_MAPPED_EPOCH_COUNT)
         determined = bool(np.isfinite(self.parameter_covariance).all())
         sigmas = self.sigma_rtn_m(mapped) if determined else np.full((_MAPPED_EPOCH_COUNT, 3), np.inf)

@@ -50,7 +50,7 @@ class PositionPrior:
 
     @property
     def has_height(self) -> bool:
-        """Whether it determines the height."""
+        """True if the prior determines the height."""
         return bool(np.isfinite(self.covariance_enu_m2[2, 2]))
 
     def with_height(self, height_m: float, sigma_m: float) -> PositionPrior:
@@ -74,17 +74,17 @@ class PositionPrior:
 
 
 def _factors(covariance_enu_m2: Floats) -> tuple[Floats, Floats]:
-    """Return L (p, p) and the standard deviations of u (p,), infinite where the covariance is not known."""
-    known = np.isfinite(np.diag(covariance_enu_m2))
-    lower, sigmas = np.eye(len(known)), np.full(len(known), np.inf)
+    """Return L (p, p) and the standard deviations of u (p,), infinite where the covariance is not finite."""
+    is_known = np.isfinite(np.diag(covariance_enu_m2))
+    lower, sigmas = np.eye(len(is_known)), np.full(len(is_known), np.inf)
     try:
-        root = np.linalg.cholesky(covariance_enu_m2[np.ix_(known, known)])
+        root = np.linalg.cholesky(covariance_enu_m2[np.ix_(is_known, is_known)])
     except np.linalg.LinAlgError:
         raise InputError(
             f"a-priori position: expected a positive definite covariance, got {covariance_enu_m2.tolist()} m^2"
         ) from None
-    sigmas[known] = np.diag(root)
-    lower[np.ix_(known, known)] = root / sigmas[known]
+    sigmas[is_known] = np.diag(root)
+    lower[np.ix_(is_known, is_known)] = root / sigmas[is_known]
     return lower, sigmas
 
 
@@ -98,28 +98,26 @@ def with_position_priors(
     # position. The position of a target depends on its own three parameters and those of the targets before it.
     covariance_m2 = np.zeros((3 * len(priors),) * 2)
     for k, prior in enumerate(priors):
-        mine = slice(3 * k, 3 * k + 3)
-        covariance_m2[mine, mine] = np.nan if prior is None else prior.covariance_enu_m2
-        for j, other in enumerate(priors):
-            if prior is not None and other is not None and other.target in prior.cross_enu_m2:
-                covariance_m2[mine, 3 * j : 3 * j + 3] = prior.cross_enu_m2[other.target]
+        rows = slice(3 * k, 3 * k + 3)
+        covariance_m2[rows, rows] = np.nan if prior is None else prior.covariance_enu_m2
+        for j, second in enumerate(priors):
+            if prior is not None and second is not None and second.target in prior.cross_enu_m2:
+                covariance_m2[rows, 3 * j : 3 * j + 3] = prior.cross_enu_m2[second.target]
     lower, sigmas = _factors(covariance_m2)
     names = dict.fromkeys(name for prior in priors if prior is not None for name in prior.errors_enu_m)
-    nothing = np.zeros(3)
+    zero = np.zeros(3)
     errors = {
         name: np.linalg.solve(
             lower,
-            np.concatenate(
-                [nothing if one is None else one.errors_enu_m.get(name, nothing) for one in priors]
-            ),
+            np.concatenate([zero if item is None else item.errors_enu_m.get(name, zero) for item in priors]),
         )
         for name in names
     }
     values = np.array([item.prior_value for parameters, _ in positions for item in parameters])
-    found = list[PositionParameters]()
+    placed = list[PositionParameters]()
     for k, ((parameters, function), prior) in enumerate(zip(positions, priors, strict=True)):
         if prior is None and k == 0:
-            found.append((parameters, function))
+            placed.append((parameters, function))
             continue
         first, end = 3 * k, 3 * k + 3
         changed = [
@@ -131,8 +129,8 @@ def with_position_priors(
             for j, item in enumerate(parameters, first)
         ]
         turned = _to_parameters(prior, constants) @ lower[first:end, :end]
-        found.append((changed, partial(_displaced, function, turned, values[:end])))
-    return found
+        placed.append((changed, partial(_displaced, function, turned, values[:end])))
+    return placed
 
 
 def _displaced(

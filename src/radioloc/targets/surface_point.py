@@ -74,9 +74,9 @@ class SurfacePoint(WithoutForces):
         if any(item.role is Role.ESTIMATED for item in self.parameters):
             yield from place_doubts(self.position(x)[0], fitted)
 
-    def solved(self, wanted: Floats, x: Floats) -> Floats:
-        """Return x with the last three parameters for a wanted position, principal axes, m."""
-        return solve_parameters(self.position, wanted, x)
+    def solved(self, target_values: Floats, x: Floats) -> Floats:
+        """Return x with the last three parameters for a target position, principal axes, m."""
+        return solve_parameters(self.position, target_values, x)
 
 
 def on_sphere(
@@ -140,8 +140,8 @@ def on_terrain(
     logger.info("terrain under the a-priori position: %.1f m, given height %.1f m", terrain_m, start_height_m)
 
     def position(x: Floats) -> tuple[Floats, Floats]:
-        below_pa_m, along = along_sphere(np.array([x[0], x[1], 0.0]))
-        me_m, along_me = rot @ below_pa_m, rot @ along
+        below_pa_m, partials_pa = along_sphere(np.array([x[0], x[1], 0.0]))
+        me_m, along_me = rot @ below_pa_m, rot @ partials_pa
         longitude, latitude, _ = cartesian_to_selenographic(me_m)
         height_m, gradient = height_and_gradient(terrain.height_and_slope, longitude, latitude)
         slope = gradient @ along_me[:, :2] / MEAN_LUNAR_RADIUS_M

@@ -57,7 +57,7 @@ class Target(Protocol):
 
     @property
     def has_place(self) -> bool:
-        """Whether the target is, or comes to rest, at a place on the Moon."""
+        """True if the target is, or comes to rest, at a place on the Moon."""
 
     @property
     def orbit(self) -> AdjustableOrbit | None:
@@ -74,7 +74,7 @@ class Target(Protocol):
     def motion(self, x: Floats) -> tuple[TargetMotion, Floats]:
         """Return the motion, and the partials of its own parameters by x, shape (q, p)."""
 
-    def solved(self, wanted: Floats, x: Floats) -> Floats:
+    def solved(self, target_values: Floats, x: Floats) -> Floats:
         """Return x with this target's parameters for wanted motion parameters: a position, m, or those of an orbit."""
 
     def position(self, x: Floats) -> tuple[Floats, Floats]:
@@ -119,12 +119,12 @@ class WithoutForces:
 
     @property
     def orbit(self) -> None:
-        """None: the motion does not follow from forces."""
+        """Return None, as the motion does not follow from forces."""
         return None
 
     @property
     def process_noise(self) -> None:
-        """None: no accelerations act on the target."""
+        """Return None, as no accelerations act on the target."""
         return None
 
     def orbit_at(self, x: Floats) -> None:
@@ -145,17 +145,17 @@ class WithoutForces:
 
 
 def solve_parameters(
-    function: Callable[[Floats], tuple[Floats, Floats]], wanted: Floats, x: Floats
+    function: Callable[[Floats], tuple[Floats, Floats]], target_values: Floats, x: Floats
 ) -> Floats:
-    """Return x, shape (p,), with its last q numbers changed until a function has wanted values, shape (q,)."""
-    x, own = x.copy(), slice(len(x) - len(wanted), None)
+    """Return x, shape (p,), with its last q numbers changed until a function has target values, shape (q,)."""
+    x, columns = x.copy(), slice(len(x) - len(target_values), None)
     for _ in range(_NEWTON_STEP_COUNT):
         values, by_x = function(x)
-        step = np.linalg.solve(by_x[:, own], wanted - values)
-        x[own] += step
+        step = np.linalg.solve(by_x[:, columns], target_values - values)
+        x[columns] += step
         if np.abs(step).max() < _NEWTON_TOLERANCE:
             return x
     raise InputError(
-        "expected parameters of a wanted position or state, got none by Newton's method; move [target] closer to it, "
-        "or give the state in another form"
+        "expected parameters of a position or state, Newton's method does not converge; move [target] closer to it, or "
+        "give the state in another form"
     )

@@ -19,7 +19,7 @@ from tdm_messages import TWO_WAY, kvn
 
 import radioloc
 from radioloc import cli
-from radioloc.cli.output import EXIT_STATUS
+from radioloc.cli.output import BAD_INPUT, EXIT_STATUS
 from radioloc.cli.registry import make_parser
 from radioloc.errors import ConvergenceError, DataQualityWarning, PredictedEopWarning
 from radioloc.io import READERS
@@ -609,3 +609,33 @@ def test_help_lists_what_the_registries_hold(command, capsys):
         assert all(f"  {name}  " in output for name in READERS)
     else:
         assert set(PARAMETERS) | {f"[{table}]" for table in TABLES} <= listed
+
+
+@pytest.mark.parametrize(
+    ("arguments", "suggestion"),
+    [
+        (["locat", "a.toml"], "did you mean locate?"),
+        (["locate", "a.toml", "--repotr"], "did you mean --report?"),
+    ],
+)
+def test_misspelled_command_or_option_gets_a_suggestion(arguments, suggestion, capsys):
+    with pytest.raises(SystemExit) as ended:
+        cli.main(arguments)
+    assert ended.value.code == BAD_INPUT
+    assert suggestion in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("kind", ["lander", "reflector", pytest.param("orbiter", marks=pytest.mark.slow)])
+def test_starter_study_runs_at_once(kind, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(["new", kind]) == 0
+    written = capsys.readouterr().out
+    assert f"radioloc simulate {kind}.toml --out {kind}.csv" in written
+    assert cli.main(["simulate", f"{kind}.toml", "--out", f"{kind}.csv"]) == 0
+    assert cli.main(["locate", f"{kind}.toml", "--quiet"]) == 0
+
+
+def test_starter_study_does_not_replace_a_file(tmp_path, capsys):
+    (tmp_path / "mine.toml").write_text("")
+    assert cli.main(["new", "lander", str(tmp_path / "mine.toml")]) == BAD_INPUT
+    assert (tmp_path / "mine.toml").read_text() == ""

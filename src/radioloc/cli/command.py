@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import argparse
+import difflib
+import re
 import textwrap
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
@@ -31,9 +33,15 @@ class Parser(argparse.ArgumentParser):
     """Called only when help is asked for."""
     commands: Mapping[str, Parser] = MappingProxyType({})
     """Parsers of commands by name."""
+    options: Sequence[str] = ()
+    """Names of the options of all commands."""
 
     def error(self, message: str) -> NoReturn:
-        """End the program with one line."""
+        """End the program with one line, which suggests the nearest command or option."""
+        if unknown := re.match(r"argument COMMAND: invalid choice: '(.*?)'", message):
+            message = f"unknown command {unknown[1]!r}{_suggestion(unknown[1], self.commands)}"
+        elif unknown := re.match(r"unrecognized arguments: (\S+)", message):
+            message += _suggestion(unknown[1].partition("=")[0], self.options)
         complain(f"{message}; see {self.prog} --help")
         self.exit(BAD_INPUT)
 
@@ -50,6 +58,11 @@ class Parser(argparse.ArgumentParser):
                 first = f"  {name:<{width}}  "
                 text += textwrap.fill(description, 80, initial_indent=first, subsequent_indent=indent) + "\n"
         return text
+
+
+def _suggestion(name: str, names: Iterable[str]) -> str:
+    nearest = difflib.get_close_matches(name, names, n=1)
+    return f" (did you mean {nearest[0]}?)" if nearest else ""
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from radioloc._version import __version__
-from radioloc.cli import files, fitting, lookups, planning, predictions
+from radioloc.cli import files, fitting, lookups, planning, predictions, starting
 from radioloc.cli.command import Command, Layout, Parser, flag
 from radioloc.cli.output import EXIT_STATUS
 from radioloc.plugins import Registry, entry_errors
@@ -12,6 +12,7 @@ COMMANDS = Registry(
     "radioloc.commands",
     Command,
     (
+        starting.new,
         *(fitting.locate, fitting.residuals, fitting.arcs, fitting.leave_one_out),
         *(planning.simulate, planning.covariance, planning.monte_carlo),
         *(predictions.visibility, predictions.light_time),
@@ -43,6 +44,8 @@ def make_parser() -> Parser:
     program.add_argument("--version", action="version", version=f"radioloc {__version__}")
     commands = program.add_subparsers(required=True, title="commands", metavar="COMMAND", dest="command")
     program.commands = commands.choices
+    arguments = [item for command in COMMANDS.values() for item in (*command.arguments, *_COMMON)]
+    program.options = [name for item in arguments for name in item.names if name.startswith("-")]
     for name, command in COMMANDS.items():
         summary = command.summary.replace("%", "%%")
         line = summary[:1].lower() + summary[1:].rstrip(".")

@@ -133,9 +133,8 @@ def contents_of_index(app, docname, source):
     if docname != root_doc:
         return
     for title, body in re.findall(r"^## ([^\n]*)$(.*?)(?=^## |\Z)", source[0], re.MULTILINE | re.DOTALL):
-        pages = [
-            normpath(f"docs/{link}") for link in re.findall(r"^- \[[^\]]*\]\(([^)#]+)\)", body, re.MULTILINE)
-        ]
+        items = "".join(re.findall(r"^(?:- |  ).*$", body, re.MULTILINE))
+        pages = [normpath(f"docs/{link}") for link in re.findall(r"\]\(([^)#]+)\)", items)]
         source[0] += "\n".join(
             ["\n```{toctree}", ":hidden:", f":caption: {title}", *(f"/{page}" for page in pages), "```\n"]
         )

@@ -100,9 +100,9 @@ def test_the_covariance_is_that_of_the_position(tmp_path):
     assert str(covariance.epoch) == dates[0]
     axes = ("x", "y", "z", "x_dot", "y_dot", "z_dot")
     full = np.zeros((6, 6))
-    for i, one in enumerate(axes):
-        for j, other in enumerate(axes[: i + 1]):
-            element = getattr(covariance, f"c{one}_{other}")
+    for i, row in enumerate(axes):
+        for j, column in enumerate(axes[: i + 1]):
+            element = getattr(covariance, f"c{row}_{column}")
             full[i, j] = full[j, i] = float(getattr(element, "value", element)) * 1e6
     variances, directions = np.linalg.eigh(full[:3, :3])
     np.testing.assert_allclose(np.sqrt(variances), np.sort(SIGMAS_M), rtol=1e-6)
@@ -123,9 +123,9 @@ def test_a_position_that_was_held_has_no_covariance(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("change", "given", "message"),
+    ("change", "changes", "message"),
     [
-        ({"position": None}, {}, "no fixed position"),
+        ({"position": None}, {}, "expected a position"),
         ({"name": "嫦娥"}, {}, "OBJECT_NAME"),
         ({}, {"step_s": 0.0}, "step_s"),
         ({}, {"step_s": 86401.0}, "step_s"),
@@ -133,20 +133,20 @@ def test_a_position_that_was_held_has_no_covariance(tmp_path):
         ({}, {"start_utc": "yesterday"}, "'yesterday' is not a date"),
     ],
 )
-def test_what_cannot_be_written_is_refused(tmp_path, change, given, message):
-    asked = {"start_utc": DAYS[0], "stop_utc": DAYS[1], "originator": "TEST"} | given
+def test_what_cannot_be_written_is_refused(tmp_path, change, changes, message):
+    options = {"start_utc": DAYS[0], "stop_utc": DAYS[1], "originator": "TEST"} | changes
     with pytest.raises(InputError, match=message):
-        write_oem(tmp_path / "a.oem", CONTENT | change, **asked)
+        write_oem(tmp_path / "a.oem", CONTENT | change, **options)
     assert not list(tmp_path.iterdir())
 
 
 def test_the_command_writes_positions(tmp_path, capsys):
     solution = tmp_path / "solution.json"
     solution.write_text(json.dumps(CONTENT))
-    asked = ["export", str(solution), str(tmp_path / "a.oem"), "--start", DAYS[0], "--stop", DAYS[1]]
-    assert main(asked) == 2
+    options = ["export", str(solution), str(tmp_path / "a.oem"), "--start", DAYS[0], "--stop", DAYS[1]]
+    assert main(options) == 2
     assert "--originator" in capsys.readouterr().err
-    assert main([*asked, "--originator", "TEST", "--step", "600"]) == 0
+    assert main([*options, "--originator", "TEST", "--step", "600"]) == 0
     assert len(read(tmp_path / "a.oem")[0]) == 220
 
 
@@ -168,13 +168,13 @@ def test_spk(orbit, tmp_path):
     trajectory = Trajectory.open(write_orbit_spk(tmp_path / "orbit.bsp", orbit, ORBITER), ORBITER)
     times_s = np.array([-3600.0, -650.0, -333.3, 0.0, 17.0, 999.999, 1000.001, 2345.678, 3600.0])
     tdb = EPOCH.shifted(times_s)
-    for own, other, limit in zip(
+    for axis, column, limit in zip(
         orbit.geocentric(Ephemeris.open(), tdb),
         trajectory.geocentric(Ephemeris.open(), tdb),
         (SAME_M, SAME_ALONG_ORBIT_M_S),
         strict=True,
     ):
-        assert np.abs(own - other).max() < limit
+        assert np.abs(axis - column).max() < limit
     assert len(trajectory.segments) == 5
 
 
@@ -187,9 +187,9 @@ def test_oem(orbit, tmp_path):
     metadata = segments[0].metadata
     assert (metadata.object_name, metadata.center_name, metadata.ref_frame) == ("GRAIL-B", "MOON", "ICRF")
     assert (metadata.time_system, metadata.interpolation_degree) == ("TDB", 11)
-    before, after = segments[3].data.state_vector[-1], segments[4].data.state_vector[0]
-    assert str(before.epoch) == str(after.epoch) == "2012-04-09T04:46:40.000000000"
-    jump_m_s = (numbers(after, NAMES) - numbers(before, NAMES))[3:] * 1e3
+    state_before, state_after = segments[3].data.state_vector[-1], segments[4].data.state_vector[0]
+    assert str(state_before.epoch) == str(state_after.epoch) == "2012-04-09T04:46:40.000000000"
+    jump_m_s = (numbers(state_after, NAMES) - numbers(state_before, NAMES))[3:] * 1e3
     assert np.linalg.norm(jump_m_s) == pytest.approx(np.sqrt(14.0), abs=1e-8)
     last = segments[4].data.state_vector[-1]
     np.testing.assert_allclose(numbers(last, NAMES) * 1e3, at(orbit, 3600.0)[0], rtol=0, atol=1e-6)
@@ -244,7 +244,7 @@ def test_residuals_come_back(fitted, tmp_path):
     assert message.header.comments == (
         f"{solution.name}: the values are residuals, observed minus computed, not observations",
     )
-    found = {}
+    rows_by_name = {}
     for segment in message.segments:
         assert segment.data_comments == (
             "the values are residuals, observed minus computed, not observations",
@@ -253,20 +253,20 @@ def test_residuals_come_back(fitted, tmp_path):
         epochs = segment.epochs("RANGE")
         used = segment.metadata["DATA_QUALITY"] == "VALIDATED"
         for *key, value_m in zip(epochs.jd, epochs.fraction, segment.values("RANGE"), strict=True):
-            found[by_path(segment), *key] = (used, value_m)
-    assert len(found) == len(rows)
+            rows_by_name[by_path(segment), *key] = (used, value_m)
+    assert len(rows_by_name) == len(rows)
     for path, jd, fraction, used, residual_m in zip(
         rows.path, rows.epoch_utc.jd, rows.epoch_utc.fraction, rows.used, rows.residual_m, strict=True
     ):
-        assert found[path, jd, fraction] == (used, residual_m)
+        assert rows_by_name[path, jd, fraction] == (used, residual_m)
 
 
 def test_delays_are_in_seconds(tmp_path):
     study = radioloc.read_study("examples/change5/change5.toml")
     observations = radioloc.read_observations("examples/change5/change5.csv")
-    few = observations.select(np.flatnonzero(observations.kind == 1)[:20])
-    solution = radioloc.compute_residuals(study, few)
-    file = write_residuals_tdm(tmp_path / "oc.tdm", solution, few, originator="TEST")
+    subset = observations.select(np.flatnonzero(observations.kind == 1)[:20])
+    solution = radioloc.compute_residuals(study, subset)
+    file = write_residuals_tdm(tmp_path / "oc.tdm", solution, subset, originator="TEST")
     values = np.concatenate([segment.values("VLBI_DELAY") for segment in read_tdm_file(file).segments])
     np.testing.assert_allclose(
         np.sort(values * C_M_S), np.sort(solution.residuals.residual_m), rtol=1e-14, atol=0
@@ -275,15 +275,15 @@ def test_delays_are_in_seconds(tmp_path):
 
 def test_other_observations_are_refused(fitted, tmp_path):
     solution, observations = fitted
-    for others in (observations.select(slice(1, None)), observations.select(slice(None, None, -1))):
+    for reordered in (observations.select(slice(1, None)), observations.select(slice(None, None, -1))):
         with pytest.raises(InputError, match="others"):
-            write_residuals_tdm(tmp_path / "oc.tdm", solution, others, originator="TEST")
+            write_residuals_tdm(tmp_path / "oc.tdm", solution, reordered, originator="TEST")
 
 
 def test_the_command_writes_residuals(tmp_path, capsys):
-    asked = ["residuals", STUDY, "-q", "--residuals-tdm", str(tmp_path / "oc.tdm")]
+    options = ["residuals", STUDY, "-q", "--residuals-tdm", str(tmp_path / "oc.tdm")]
     with pytest.raises(SystemExit, match="2"):
-        main(asked)
+        main(options)
     assert "--originator" in capsys.readouterr().err
-    assert main([*asked, "--originator", "TEST"]) == 0
+    assert main([*options, "--originator", "TEST"]) == 0
     assert sum(map(len, [read_tdm_file(tmp_path / "oc.tdm")])) > 0

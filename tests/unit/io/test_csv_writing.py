@@ -34,7 +34,7 @@ def test_shortest_numbers_come_back_to_the_last_bit(tmp_path):
     batch = pyarrow.record_batch({"x": pyarrow.array(values), "none": pyarrow.nulls(len(values), "float64")})
     write_csv(tmp_path / "a.csv", [batch])
     cells = [line.split(",") for line in (tmp_path / "a.csv").read_text().splitlines()[1:]]
-    assert all(none == "" for _, none in cells)
+    assert all(missing == "" for _, missing in cells)
     np.testing.assert_array_equal(
         np.array([float(cell) for cell, _ in cells]).view(np.int64), values.view(np.int64)
     )
@@ -76,13 +76,13 @@ FORMULAS = ["=cmd|'/C calc'!A0", "+1+1", "-2+3+cmd", "@SUM(A1)", "\t=1", "＝1+1
 
 
 def test_names_that_a_spreadsheet_would_compute_are_texts_in_csv_and_come_back(tmp_path):
-    kept = ["KASHI", "'quoted", "-", "", "-1.5", "+2e-3", "a=b"]
-    written = write(tmp_path / "a.csv", {"name": [*FORMULAS, *kept], "=x": np.arange(15.0) - 8.0})
+    texts = ["KASHI", "'quoted", "-", "", "-1.5", "+2e-3", "a=b"]
+    written = write(tmp_path / "a.csv", {"name": [*FORMULAS, *texts], "=x": np.arange(15.0) - 8.0})
     heading, *rows = written.split("\n")[:-1]
     assert heading == "name,'=x"
     cells = [row.rpartition(",")[0] for row in rows]
-    assert cells == [f"'{name}" for name in FORMULAS] + kept
-    assert [text_of_cell(cell) for cell in cells] == [*FORMULAS, *kept]
+    assert cells == [f"'{name}" for name in FORMULAS] + texts
+    assert [text_of_cell(cell) for cell in cells] == [*FORMULAS, *texts]
     assert [row.rpartition(",")[2] for row in rows][:2] == ["-8", "-7"]
 
 
@@ -99,9 +99,9 @@ def test_stations_with_names_of_formulas_are_read_back_by_their_names(tmp_path, 
             np.full(4, 7.2e9), np.zeros(4)),
     )  # fmt: skip
     files = write_observations(tmp_path / f"a.{ending}", observations)
-    found = read_observations(files)
-    assert [link.transmitter for link in found.links] == names
-    assert sorted(found.ramps.stations) == sorted(names)
+    reread = read_observations(files)
+    assert [link.transmitter for link in reread.links] == names
+    assert sorted(reread.ramps.stations) == sorted(names)
     if ending == "csv":
         assert "\n2024-05-02T06:00:00.000000000000,range,'=HYPERLINK(0)>lander" in files[0].read_text()
 

@@ -26,14 +26,14 @@ def test_cut_anywhere(name, step, tmp_path):
     text, read, stop = FILES[name]
     content, path = text.encode(), tmp_path / "cut"
     path.write_bytes(content)
-    whole = len(read(path))
+    complete_count = len(read(path))
     zipped = gzip.compress(content)
     ends = [(content, end) for end in range(0, len(content), step)]
     for data, end in ends + [(zipped, end) for end in range(0, len(zipped), 7 * step)]:
         path.write_bytes(data[:end])
-        found = None
+        count = None
         with suppress(InputError):
-            found = len(read(path))
-        if found is not None:
+            count = len(read(path))
+        if count is not None:
             assert data is content
-            assert content[:end].rstrip().endswith(stop) if stop else found == whole
+            assert content[:end].rstrip().endswith(stop) if stop else count == complete_count

@@ -25,21 +25,21 @@ COVARIANCE = np.array([[100.0, 30.0, 0.0], [30.0, 50.0, 0.0], [0.0, 0.0, 9.0]])
 
 def content(ephemeris="DE421", place=PLACE, covariance=COVARIANCE, name="lander 5"):
     """Return what a solution.json holds of a position."""
-    known = reference("benchmark", -51.9, 43.0, -2500.0)
+    references = reference("benchmark", -51.9, 43.0, -2500.0)
     matrix = {"enu_m2": np.where(np.isfinite(covariance), covariance, None).tolist()}
     sigma_m = np.sqrt(np.diag(covariance))
-    return recorded(name, place, sigma_m, f"ME_{ephemeris}", covariance=matrix, reference=known)
+    return recorded(name, place, sigma_m, f"ME_{ephemeris}", covariance=matrix, reference=references)
 
 
 @pytest.mark.parametrize("ephemeris", ["DE421", "DE440"])
 def test_spice_sees_the_earth_from_the_lander_where_it_stands(tmp_path, ephemeris):
-    what = content(ephemeris)
-    files = write_spice(tmp_path / "lander.bsp", what)
+    solution = content(ephemeris)
+    files = write_spice(tmp_path / "lander.bsp", solution)
     seconds = np.array([660446863.123, 978361445.0])
     tdb = Epochs.from_tdb_seconds(seconds)
     kernels = [find_kernel(ephemeris, kind) for kind in ("SPK", "PCK")]
     with spiceypy.KernelPool([str(file) for file in (*kernels, *files)]):
-        seen = spiceypy.spkpos("EARTH", seconds, "LANDER_5_TOPO", "NONE", "LANDER_5")[0]
+        position_km = spiceypy.spkpos("EARTH", seconds, "LANDER_5_TOPO", "NONE", "LANDER_5")[0]
         mean = {"DE421": "MOON_ME_DE421", "DE440": "MOON_ME_DE440_ME421"}[ephemeris]
         range_km, longitude_rad, latitude_rad = spiceypy.reclat(
             spiceypy.spkpos("LANDER_5", seconds[0], mean, "NONE", "MOON")[0]
@@ -51,17 +51,17 @@ def test_spice_sees_the_earth_from_the_lander_where_it_stands(tmp_path, ephemeri
     opened = Ephemeris.open(ephemeris)
     moon_m, _ = opened.geocentric("moon", tdb)
     rot_to_pa = rot_icrf_to_pa(LunarOrientation.open(ephemeris).angles(tdb)[0])
-    lander_pa_m = np.array([what["position"]["pa"][f"{axis}_m"] for axis in "xyz"])
+    lander_pa_m = np.array([solution["position"]["pa"][f"{axis}_m"] for axis in "xyz"])
     to_earth_pa_m = np.einsum("nij,nj->ni", rot_to_pa, -moon_m) - lander_pa_m
     to_enu = east_north_up(math.radians(PLACE[0]), math.radians(PLACE[1])) @ rot_pa_to_me(opened.constants)
     east_m, north_m, up_m = to_enu @ to_earth_pa_m.T
-    np.testing.assert_allclose(seen.T * 1e3, [north_m, -east_m, up_m], atol=0.002)
+    np.testing.assert_allclose(position_km.T * 1e3, [north_m, -east_m, up_m], atol=0.002)
 
 
 def test_what_spice_had_loaded_stays_as_it_was(tmp_path):
-    before = spiceypy.ktotal("ALL")
+    kernel_count = spiceypy.ktotal("ALL")
     write_spice(tmp_path / "lander.bsp", content(), body=-900)
-    assert spiceypy.ktotal("ALL") == before
+    assert spiceypy.ktotal("ALL") == kernel_count
 
 
 @pytest.mark.parametrize(
@@ -69,7 +69,7 @@ def test_what_spice_had_loaded_stays_as_it_was(tmp_path):
     [
         ({}, "lander.spk", 301001, "supported: .bsp"),
         ({}, "lander.bsp", 399, "NAIF code"),
-        ({"position": None}, "lander.bsp", 301001, "no fixed position"),
+        ({"position": None}, "lander.bsp", 301001, "expected a position"),
         ({"position": recorded(frame="ME_DE403")["position"]}, "lander.bsp", 301001, "PA_DE403"),
     ],
 )
@@ -92,7 +92,7 @@ def test_kernels_that_would_be_wrong_are_refused(tmp_path, change, name, code, m
 def test_any_name_becomes_printable_ascii_of_the_length_that_spice_takes(tmp_path, name, frame, segment):
     files = write_spice(tmp_path / "lander.bsp", content(name=name))
     assert files[1].read_text().isascii()
-    assert [one.name for one in read_segments(files[0], "SPK")] == [segment]
+    assert [item.name for item in read_segments(files[0], "SPK")] == [segment]
     with spiceypy.KernelPool([str(file) for file in files]):
         assert spiceypy.namfrm(frame) != 0
 
@@ -135,8 +135,8 @@ def test_gdal_reads_positions_and_ellipses_on_the_moon(tmp_path, ending):
     for layer in layers:
         assert "1737400" in pyogrio.read_info(file, layer=layer)["crs"]
         meta, _, geometry, columns = raw.read(file, layer=layer)
-        for one, name in zip(geometry, columns[list(meta["fields"]).index("name")], strict=True):
-            rows[name] = one
+        for item, name in zip(geometry, columns[list(meta["fields"]).index("name")], strict=True):
+            rows[name] = item
     assert sorted(rows) == ["benchmark", "lander 5", "lander 5, 1 sigma", "lander 5, 95 %"]
     np.testing.assert_allclose(np.frombuffer(rows["lander 5"][5:]), PLACE[:2], atol=1e-12)
 
@@ -176,11 +176,11 @@ def test_the_ellipse_is_that_of_the_covariance(tmp_path, longitude_deg):
 
 
 def test_every_reference_is_a_point_once(tmp_path):
-    other = content()["reference"] | {"name": "orbital image"}
-    several = [content() | {"references": [other]}, content()]
+    image_reference = content()["reference"] | {"name": "orbital image"}
+    several = [content() | {"references": [image_reference]}, content()]
     features = json.loads(write_gis(tmp_path / "a.geojson", several).read_text())["features"]
-    named = [one["properties"]["name"] for one in features if one["properties"]["kind"] == "reference"]
-    assert named == ["benchmark", "orbital image"]
+    names = [item["properties"]["name"] for item in features if item["properties"]["kind"] == "reference"]
+    assert names == ["benchmark", "orbital image"]
 
 
 @pytest.mark.parametrize("ending", ["geojson", "md"])
@@ -188,8 +188,8 @@ def test_all_targets_are_exported_with_the_references_of_the_first(tmp_path, end
     located = ("position", "sigma", "covariance")
     first, second = content(), content(place=(-51.9, 43.1, -2500.0))
     targets = {
-        name: {key: one[key] for key in located} | {"priors": []}
-        for name, one in (("A", first), ("B", second))
+        name: {key: item[key] for key in located} | {"priors": []}
+        for name, item in (("A", first), ("B", second))
     }
     (tmp_path / "solution.json").write_text(json.dumps(first | {"targets": targets}))
     out = tmp_path / f"a.{ending}"
@@ -213,8 +213,8 @@ def test_the_command_writes_what_the_ending_says(tmp_path, capsys):
     solution.write_text(json.dumps(content()))
     for name, written in (("a.geojson", ["a.geojson"]), ("b.bsp", ["b.bsp", "b.tf"])):
         assert main(["export", str(solution), str(tmp_path / name)]) == 0
-        assert all(str(tmp_path / one) in capsys.readouterr().out for one in written[:1])
-        assert all((tmp_path / one).exists() for one in written)
+        assert all(str(tmp_path / item) in capsys.readouterr().out for item in written[:1])
+        assert all((tmp_path / item).exists() for item in written)
     assert main(["export", str(solution), str(tmp_path / "c.kml")]) == 2
     assert "supported: .geojson, .gpkg, .bsp, .oem, .md, .tex, .snx" in capsys.readouterr().err
     assert main(["export", str(solution), str(solution), str(tmp_path / "d.bsp")]) == 2

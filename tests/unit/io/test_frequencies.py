@@ -85,9 +85,9 @@ def test_dates_of_older_readings(tmp_path):
     """An instant in both forms: 0.606603 of 86400 s is 14:33:30.4992."""
     newer = write(tmp_path / "a.dat", "59902.606603\t2216497878.100\t9.6\t8049\n")
     older = write(tmp_path / "b.dat", "22/11/19 14:33:30.4992 2216497878.100 nan 8049\n")
-    both = [read_strf(path, [BEACON]) for path in (newer, older)]
-    assert utc_strings(both[1].epoch, 4).tolist() == ["2022-11-19T14:33:30.4992"]
-    assert both[0].value_m.tolist() == both[1].value_m.tolist()
+    observations = [read_strf(path, [BEACON]) for path in (newer, older)]
+    assert utc_strings(observations[1].epoch, 4).tolist() == ["2022-11-19T14:33:30.4992"]
+    assert observations[0].value_m.tolist() == observations[1].value_m.tolist()
     assert len(read_observations(older, frequencies=[BEACON])) == 1
     older.write_text("22/02/30 14:33:30.4 2216497878.100 1.0 8049\n")
     with pytest.raises(FileFormatError, match=r"b.dat, line 1: .*2022-02-30"):
@@ -130,10 +130,10 @@ def test_detections_of_older_and_newer_files(tmp_path):
     path.write_text(f"{newer}#\n34205.5 1 1 {DETECTED_HZ} 0\n")
     got = read_observations(path, frequencies=[sent])
     assert got.count_s.tolist() == [20.0]
-    other = path.rename(path.with_name(path.name.replace(".Ww.", ".Ht.")))
+    renamed = path.rename(path.with_name(path.name.replace(".Ww.", ".Ht.")))
     with pytest.raises(FileFormatError, match="Ww in the head and Ht in the file's name"):
-        read_fdets(other, [sent])
-    other.rename(path)
+        read_fdets(renamed, [sent])
+    renamed.rename(path)
     assert got.paths().tolist() == ["lander>WARK12M"]  # a telescope of the catalogue
     assert read_observations(
         path, frequencies=[FrequencyAgreement(8420.2e6, 0.01, 2.0)]
@@ -147,15 +147,15 @@ def test_several_files_of_one_night(tmp_path):
         tmp_path / "two.dat", READINGS.splitlines(keepends=True)[0] + "59902.7 8459278000.5 1 4171\n"
     )
     third = write(tmp_path / "Fdets.x2022.11.19.Ww.txt", HEAD + "#\n34205.5 1 1 0.0 0\n")
-    told = [
+    agreements = [
         FrequencyAgreement(8412e6, 0.1, 1.0, files="Fdets*"),
         FrequencyAgreement(BEACON_HZ, SIGMA_HZ, COUNT_S),
     ]
     with pytest.raises(FileFormatError, match=r"two.dat, line 2: 8459278000.5 Hz .* of 2216500000.0 Hz"):
-        read_observations([first, second, third], frequencies=told)
+        read_observations([first, second, third], frequencies=agreements)
     second.write_text(READINGS.splitlines(keepends=True)[0])
     with pytest.warns(DataQualityWarning, match=r"two.dat, line 1: .* already there, in .*one.dat, line 1"):
-        got = read_observations([first, second, third], frequencies=told)
+        got = read_observations([first, second, third], frequencies=agreements)
     assert len(got) == 4
     assert got.value_m[-1] == 0.0
 
@@ -277,9 +277,9 @@ def test_a_study_of_frequencies(tmp_path):
     rows = [f"{59902.6 + k / 1440:.6f}\t2216500000.000\t 1.0\t8049\n" for k in range(10)]
     write(tmp_path / "night.dat", "".join(rows))
     study = radioloc.read_study(write(tmp_path / "study.toml", STUDY))
-    found = radioloc.compute_residuals(study)
-    assert set(found.residuals.station) == {"COSPAR 8049"}
+    result = radioloc.compute_residuals(study)
+    assert set(result.residuals.station) == {"COSPAR 8049"}
     # The Earth turns and the Moon goes round: hundreds of metres a second, which a beacon at rest does not show.
-    assert 100.0 < np.abs(found.residuals.residual_m / COUNT_S).max() < 1000.0
+    assert 100.0 < np.abs(result.residuals.residual_m / COUNT_S).max() < 1000.0
     with pytest.raises(InputError, match=r"\[observations.frequencies\] transmit_hz = 0"):
         radioloc.read_study(write(tmp_path / "study.toml", STUDY.replace("2216.5e6", "0.0")))

@@ -37,7 +37,7 @@ def seconds_since(text, epoch):
 def test_every_field_comes_back(written):
     rng = np.random.default_rng(3)
     # A header ends in five zero words; of these records none does. The highest bit of a signed field is its sign.
-    given = [
+    records = [
         {name: int(rng.integers(2**width)) for name, width in ORBIT.items()} | {"format": 2}
         for _ in range(50)
     ]
@@ -53,54 +53,54 @@ def test_every_field_comes_back(written):
         "second_station": 43,
         "stop_s": 2**31,
     }
-    found = read_odf_file(written(given, ramps, [clock]))
-    for content, rows, bits in ((found.orbit, given, ORBIT), (found.ramps, ramps, RAMP)):
-        for row, one in zip(content, rows, strict=True):
+    result = read_odf_file(written(records, ramps, [clock]))
+    for content, rows, bits in ((result.orbit, records, ORBIT), (result.ramps, ramps, RAMP)):
+        for row, item in zip(content, rows, strict=True):
             for name, width in bits.items():
                 signed = name in ("observable", "observable_1e9", "item_20", "rate_hz_s", "rate_nhz_s")
-                negative = signed and one[name] >= 2 ** (width - 1)
-                assert row[name] == one[name] - 2**width * negative, name
-    assert {name: found.clocks[0][name] for name in found.clocks.dtype.names} == clock | {
+                negative = signed and item[name] >= 2 ** (width - 1)
+                assert row[name] == item[name] - 2**width * negative, name
+    assert {name: result.clocks[0][name] for name in result.clocks.dtype.names} == clock | {
         "start_ns": 0,
         "reserved": 0,
         "stop_ns": 0,
     }
-    assert (found.spacecraft, found.reference) == (181, (19500101, 0))
-    assert found.orbit_record.tolist() == list(range(6, 56))
+    assert (result.spacecraft, result.reference) == (181, (19500101, 0))
+    assert result.orbit_record.tolist() == list(range(6, 56))
 
 
 def test_two_way_doppler(written):
     """By hand: 240/221 of 2100062003 Hz is the downlink of 2280610320.0 Hz, 1 Hz of which is 0.13145 m/s."""
     path = written([doppler(k) for k in range(4)])
-    found = read_odf(path)
+    result = read_odf(path)
     hertz = -119.651956557 + 3.0 * np.arange(4)
     np.testing.assert_allclose(
-        found.value_m, hertz * C_M_S / (240 / 221 * 2100062003.0), rtol=0.0, atol=ROUNDED_M
+        result.value_m, hertz * C_M_S / (240 / 221 * 2100062003.0), rtol=0.0, atol=ROUNDED_M
     )
-    assert found.value_m[0] == pytest.approx(-15.7286, abs=1e-4)
-    assert found.uplink_hz == pytest.approx(2100062003.0, abs=1e-6)
-    assert found.ramped.all()
-    assert found.types().tolist() == ["doppler"] * 4
-    assert found.paths()[0] == "DSS-24>sc181>DSS-24"
+    assert result.value_m[0] == pytest.approx(-15.7286, abs=1e-4)
+    assert result.uplink_hz == pytest.approx(2100062003.0, abs=1e-6)
+    assert result.ramped.all()
+    assert result.types().tolist() == ["doppler"] * 4
+    assert result.paths()[0] == "DSS-24>sc181>DSS-24"
     # The antenna had the signal 77 microseconds before the receiver.
     np.testing.assert_allclose(
-        seconds_since("2012-04-09T04:40:42", found.epoch), np.arange(4) - 77e-6, rtol=0.0, atol=1e-10
+        seconds_since("2012-04-09T04:40:42", result.epoch), np.arange(4) - 77e-6, rtol=0.0, atol=1e-10
     )
-    assert (found.count_s == 1.0).all()
-    assert (found.sigma_m == 0.5e-3).all()
-    np.testing.assert_allclose(found.wavelength_um, 1e6 * C_M_S / 2280610320.0, rtol=1e-12)
-    assert found.origin(0).endswith("made.odf, line 6")
+    assert (result.count_s == 1.0).all()
+    assert (result.sigma_m == 0.5e-3).all()
+    np.testing.assert_allclose(result.wavelength_um, 1e6 * C_M_S / 2280610320.0, rtol=1e-12)
+    assert result.origin(0).endswith("made.odf, line 6")
     # Ramps leave the antenna 77 microseconds after the exciter.
-    starts = seconds_since("2012-04-09T04:40:42", found.ramps.start_utc)
+    starts = seconds_since("2012-04-09T04:40:42", result.ramps.start_utc)
     np.testing.assert_allclose(starts, [-600.0 + 77e-6, 5.0 + 77e-6], rtol=0.0, atol=1e-10)
-    assert found.ramps.rate_hz_s.tolist() == [0.0, -2.0]
+    assert result.ramps.rate_hz_s.tolist() == [0.0, -2.0]
 
 
 def test_ramps_have_the_delay_of_the_record_next_in_time(written):
     """Whatever the order of the records; where one ramp ends at a corner the next begins."""
-    found = read_odf(written([doppler(9, transmitter_delay_ns=5000), doppler(0)]))
+    result = read_odf(written([doppler(9, transmitter_delay_ns=5000), doppler(0)]))
     starts, stops = (
-        seconds_since("2012-04-09T04:40:42", utc) for utc in (found.ramps.start_utc, found.ramps.stop_utc)
+        seconds_since("2012-04-09T04:40:42", utc) for utc in (result.ramps.start_utc, result.ramps.stop_utc)
     )
     np.testing.assert_allclose(starts, [-600.0 + 77e-6, 5.0 + 5e-6], rtol=0.0, atol=1e-10)
     assert stops[0] == pytest.approx(starts[1], abs=1e-10)
@@ -117,37 +117,37 @@ def test_three_way_one_way_and_ranges(written):
             2, type=37, channel=14, observable=5000, observable_1e9=0, downlink=2, uplink=2, exciter=2, **x_up
         ),
     ]
-    found = read_odf(written(records))
-    assert found.types().tolist() == ["doppler", "one_way_doppler", "range"]
-    assert found.paths().tolist() == ["DSS-24>sc181>DSS-54", "sc181>DSS-24", "DSS-24>sc181>DSS-24"]
-    assert found.ramped.tolist() == [True, False, True]
+    result = read_odf(written(records))
+    assert result.types().tolist() == ["doppler", "one_way_doppler", "range"]
+    assert result.paths().tolist() == ["DSS-24>sc181>DSS-54", "sc181>DSS-24", "DSS-24>sc181>DSS-24"]
+    assert result.ramped.tolist() == [True, False, True]
     hertz = -119.651956557
-    assert found.value_m[0] == pytest.approx(60.0 * C_M_S * hertz / (3344 / 749 * 7.2e9), abs=1e-9)
+    assert result.value_m[0] == pytest.approx(60.0 * C_M_S * hertz / (3344 / 749 * 7.2e9), abs=1e-9)
     # GRAIL-B's oscillator sends 8451.8 MHz, and its reference is written at S band, 240/880 of that.
-    assert C_M_S / found.wavelength_um[1] * 1e6 == pytest.approx(8451.8e6, abs=0.01)
-    assert found.value_m[1] == pytest.approx(C_M_S * (hertz + 3.0) / 8451.8e6, abs=1e-9)
-    assert np.isnan(found.uplink_hz[1])
-    assert np.isnan(found.modulus_m[:2]).all()
+    assert C_M_S / result.wavelength_um[1] * 1e6 == pytest.approx(8451.8e6, abs=0.01)
+    assert result.value_m[1] == pytest.approx(C_M_S * (hertz + 3.0) / 8451.8e6, abs=1e-9)
+    assert np.isnan(result.uplink_hz[1])
+    assert np.isnan(result.modulus_m[:2]).all()
     # 2^20 units are 150 km one way: of X band a unit is 2 * 749 / 221 cycles of the uplink.
     unit_m = C_M_S * 2.0 * 749.0 / 221.0 / 7.2e9
     assert unit_m == pytest.approx(0.28, abs=0.01)
-    assert found.value_m[2] == pytest.approx(5000.0 * unit_m, abs=1e-9)
-    assert found.modulus_m[2] == pytest.approx(2**20 * unit_m, abs=1e-6)
-    assert found.sigma_m.tolist() == pytest.approx([0.15e-3 * 60.0**0.5, 0.15e-3, 2.0])
+    assert result.value_m[2] == pytest.approx(5000.0 * unit_m, abs=1e-9)
+    assert result.modulus_m[2] == pytest.approx(2**20 * unit_m, abs=1e-6)
+    assert result.sigma_m.tolist() == pytest.approx([0.15e-3 * 60.0**0.5, 0.15e-3, 2.0])
 
 
 def test_a_study_changes_sigmas_and_the_catalogue_names_stations(written):
     path = written([doppler(k) for k in range(4)])
     assert (read_odf(path, sigma_m={"doppler": 0.01}).sigma_m == 0.01).all()
-    found = read_observations([path])
-    assert len(found) == 4
-    assert len(found.ramps) == 2
+    result = read_observations([path])
+    assert len(result) == 4
+    assert len(result.ramps) == 2
 
 
 def test_a_reference_that_the_exciter_gives_is_what_was_sent(written):
-    found = read_odf(written([doppler(0, independent=0)], ramps=[]))
-    assert not found.ramped.any()
-    assert len(found.ramps) == 0
+    result = read_odf(written([doppler(0, independent=0)], ramps=[]))
+    assert not result.ramped.any()
+    assert len(result.ramps) == 0
     with pytest.raises(FileFormatError, match=r"record 6: .*ramped exciter"):
         read_odf(written([doppler(0, independent=0)]))
 
@@ -172,10 +172,10 @@ def test_what_cannot_be_used_is_said(written):
         doppler(6, observable=580000000),
     ]
     records += [doppler(7, type=37, receiver=54)]
-    with pytest.warns(DataQualityWarning) as said:
-        found = read_odf(written(records))
-    assert len(found) == 3
-    [message] = [str(one.message) for one in said]
+    with pytest.warns(DataQualityWarning) as warnings:
+        result = read_odf(written(records))
+    assert len(result) == 3
+    [message] = [str(item.message) for item in warnings]
     for part in (
         "5 of 8 records are left out: ",
         "2 marked as invalid (the first is record 9)",
@@ -192,10 +192,10 @@ def test_a_second_receiver_and_calibrated_ranges(written):
     records = [doppler(0), doppler(0, channel=7, observable=-120), doppler(1), doppler(1, channel=7)]
     records += [doppler(2, type=37, channel=3, observable=value, observable_1e9=0) for value in (-12,)]
     with pytest.warns(DataQualityWarning, match=r"2 of another receiver .* \(the first is record 7\)"):
-        found = read_odf(written(records))
-    assert found.line.tolist() == [6, 8, 10]
+        result = read_odf(written(records))
+    assert result.line.tolist() == [6, 8, 10]
     unit_m = 2.0 * C_M_S / 2100062003.0
-    assert found.value_m[2] == pytest.approx((512.0 - 12.0) * unit_m, abs=1e-9)
+    assert result.value_m[2] == pytest.approx((512.0 - 12.0) * unit_m, abs=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -215,7 +215,7 @@ def test_records_that_cannot_be(written, change, problem):
 def test_files_that_were_cut_or_changed(written):
     records = [doppler(k) for k in range(4)]
     path = written(records)
-    whole = path.read_bytes()
+    complete = path.read_bytes()
 
     def problem(content):
         path.write_bytes(content)
@@ -223,16 +223,18 @@ def test_files_that_were_cut_or_changed(written):
             read_odf(path)
         return str(raised.value)
 
-    assert "ends 10 bytes into record 16: it was cut" in problem(whole[:-26])
-    assert "without its last record" in problem(whole[: 9 * 36])
+    assert "ends 10 bytes into record 16: it was cut" in problem(complete[:-26])
+    assert "without its last record" in problem(complete[: 9 * 36])
     assert "record 9: the header of the group ramps says that it is record 10" in problem(
-        whole[: 6 * 36] + whole[7 * 36 :]
+        complete[: 6 * 36] + complete[7 * 36 :]
     )
-    assert "only zeros after the end of file" in problem(whole[:-1] + b"\x01")
-    assert "record 14: expected only zeros" in problem(whole[: 13 * 36] + b"\x01" + whole[13 * 36 + 1 :])
-    assert "got 110" in problem(whole[: 4 * 36] + b"\0\0\0\x6e" + whole[4 * 36 + 4 :])
-    other = whole[: 2 * 36] + b"\0\0\x07\xf8" + whole[2 * 36 + 4 :]  # a group of clock offsets
-    assert "the group identifier has 0 records" in problem(other)
+    assert "only zeros after the end of file" in problem(complete[:-1] + b"\x01")
+    assert "record 14: expected only zeros" in problem(
+        complete[: 13 * 36] + b"\x01" + complete[13 * 36 + 1 :]
+    )
+    assert "got 110" in problem(complete[: 4 * 36] + b"\0\0\0\x6e" + complete[4 * 36 + 4 :])
+    clock_group = complete[: 2 * 36] + b"\0\0\x07\xf8" + complete[2 * 36 + 4 :]  # a group of clock offsets
+    assert "the group identifier has 0 records" in problem(clock_group)
 
 
 def test_wrong_ramps_and_labels(written):
@@ -263,14 +265,15 @@ def test_real_doppler_under_ramps_and_that_of_the_beacon_agree():
     Both speeds change by 100 m/s in the 200 s. Once the model, of a point that stands still, is taken off, two-way less
     twice one-way is the offset of the beacon's oscillator and noise: no step of a ramp is left.
     """
-    found = read_odf(EXCERPT)
+    result = read_odf(EXCERPT)
     still_pa_m = np.array([1737.4e3, 0.0, 0.0])
     rest_m = (
-        found.value_m - ExactPredictor(PhysicalModel.build(), found, FixedPoint(still_pa_m)).compute().value_m
+        result.value_m
+        - ExactPredictor(PhysicalModel.build(), result, FixedPoint(still_pa_m)).compute().value_m
     )
-    two_way, one_way = found.ramped, ~found.ramped
-    assert (found.epoch.fraction[two_way] == found.epoch.fraction[one_way]).all()
-    assert np.ptp(found.value_m[two_way] - 2.0 * found.value_m[one_way]) > 100.0
+    two_way, one_way = result.ramped, ~result.ramped
+    assert (result.epoch.fraction[two_way] == result.epoch.fraction[one_way]).all()
+    assert np.ptp(result.value_m[two_way] - 2.0 * result.value_m[one_way]) > 100.0
     offset_m = rest_m[two_way] - 2.0 * rest_m[one_way]
     assert offset_m.mean() == pytest.approx(-0.255, abs=1e-3)
     assert offset_m.std() < 0.7e-3  # noise of single counts in S band, 0.4 to 0.6 mm

@@ -21,12 +21,12 @@ NUMBERS = (
 )
 
 
-def assert_same(one, two):
+def assert_same(first, second):
     for name in (*NUMBERS, "tag", "kind", "link"):
-        np.testing.assert_array_equal(getattr(one, name), getattr(two, name), name)
-    assert one.links == two.links
-    np.testing.assert_array_equal(one.epoch.jd, two.epoch.jd)
-    np.testing.assert_array_equal(one.epoch.fraction, two.epoch.fraction)
+        np.testing.assert_array_equal(getattr(first, name), getattr(second, name), name)
+    assert first.links == second.links
+    np.testing.assert_array_equal(first.epoch.jd, second.epoch.jd)
+    np.testing.assert_array_equal(first.epoch.fraction, second.epoch.fraction)
 
 
 def some_observations(count=6):
@@ -49,16 +49,16 @@ def some_observations(count=6):
 
 
 def test_what_is_written_is_read_again_to_the_last_bit(tmp_path):
-    made = some_observations()
-    write_parquet(tmp_path / "a.parquet", made)
+    observations = some_observations()
+    write_parquet(tmp_path / "a.parquet", observations)
     read = read_observations(tmp_path / "a.parquet")
-    assert_same(made, read)
+    assert_same(observations, read)
     assert read.line.tolist() == [1, 2, 3, 4, 5, 6]
     assert read.files == (str(tmp_path / "a.parquet"),)
     # And over the table.
     write_table(tmp_path / "a.csv", read)
     write_observations(tmp_path / "b.parquet", read_observations(tmp_path / "a.csv"))
-    assert_same(made, read_parquet(tmp_path / "b.parquet"))
+    assert_same(observations, read_parquet(tmp_path / "b.parquet"))
 
 
 @given(
@@ -72,9 +72,9 @@ def test_epochs_are_as_precise_as_text(fractions, jd):
     by_text = utc_from_text(utc_to_text(epoch))
     away_s = 86400.0 * ((read.jd - by_text.jd) + (read.fraction - by_text.fraction))
     assert np.abs(away_s).max() == 0.0
-    again = utc_to_picoseconds(read)
-    np.testing.assert_array_equal(again[0], days)
-    np.testing.assert_array_equal(again[1], picoseconds)
+    reread_ps = utc_to_picoseconds(read)
+    np.testing.assert_array_equal(reread_ps[0], days)
+    np.testing.assert_array_equal(reread_ps[1], picoseconds)
 
 
 def test_columns_units_and_version_are_in_the_file(tmp_path):
@@ -95,7 +95,7 @@ def test_columns_units_and_version_are_in_the_file(tmp_path):
 
 def columns(**changes):
     """Columns that another program may have written."""
-    made = {
+    observations = {
         "epoch_utc": pyarrow.array(["2020-12-01T00:00:00.5", "2020-12-01T00:00:01", "2020-12-01T00:00:02"]),
         "type": pyarrow.array(["range"] * 3),
         "path": pyarrow.array(["A>b>A", "A>b>C", "A>b>A"]),
@@ -103,7 +103,7 @@ def columns(**changes):
         "sigma_s": pyarrow.array([1e-9, 1e-9, 1e-9]),
         "time_tag": pyarrow.array(["receive"] * 3),
     } | changes
-    return {name: values for name, values in made.items() if values is not None}
+    return {name: values for name, values in observations.items() if values is not None}
 
 
 def read_columns(folder, **changes):
@@ -128,10 +128,10 @@ def test_files_of_other_programs(tmp_path):
     assert_same(
         read, read_columns(tmp_path, path=pyarrow.array(["A>b>A", "A>b>C", "A>b>A"]).dictionary_encode())
     )
-    whole = read_columns(
+    all_columns = read_columns(
         tmp_path, light_time_s=None, observed_m=pyarrow.array([750000000, 760000000, 770000000])
     )
-    assert whole.value_m.tolist() == [7.5e8, 7.6e8, 7.7e8]
+    assert all_columns.value_m.tolist() == [7.5e8, 7.6e8, 7.7e8]
 
 
 DATES = pyarrow.array(np.array(["2020-12-01"] * 3, "M8[D]"))
@@ -171,10 +171,10 @@ def test_what_cannot_be_used_is_refused_with_its_row(tmp_path, changes, row, wor
 
 def test_rows_count_on_from_batch_to_batch(tmp_path, monkeypatch):
     monkeypatch.setattr(module, "_ROWS_READ", 4)
-    made = some_observations(20)
-    write_parquet(tmp_path / "a.parquet", made)
+    observations = some_observations(20)
+    write_parquet(tmp_path / "a.parquet", observations)
     read = read_parquet(tmp_path / "a.parquet")
-    assert_same(made, read)
+    assert_same(observations, read)
     assert read.line.tolist() == list(range(1, 21))
     table = pq.read_table(tmp_path / "a.parquet")
     sigma_m = np.full(20, 0.1)
@@ -197,12 +197,12 @@ def test_no_rows_and_no_folder(tmp_path):
 def test_endings_say_the_format(tmp_path):
     header = "epoch_utc,type,path,observed_m,sigma_m,time_tag"
     (tmp_path / "given.csv").write_text(f"{header}\n2020-12-01,range,A>b>C,7.5e8,1,receive")
-    made = read_table(tmp_path / "given.csv")
+    observations = read_table(tmp_path / "given.csv")
     starts = {"a.csv": b"epoch_utc", "a.parquet": b"PAR1", "a.tdm": b"CCSDS"}
     for name, start in starts.items():
-        write_observations(tmp_path / name, made, originator="X")
+        write_observations(tmp_path / name, observations, originator="X")
         assert (tmp_path / name).read_bytes().startswith(start)
     with pytest.raises(InputError, match="extension"):
-        write_observations(tmp_path / "a.txt", made)
+        write_observations(tmp_path / "a.txt", observations)
     with pytest.raises(InputError, match="originator"):
-        write_observations(tmp_path / "b.tdm", made)
+        write_observations(tmp_path / "b.tdm", observations)

@@ -21,11 +21,11 @@ def parse_table(path, lines, catalogue):
     return table._from_blocks(path, [(1, "\n".join(lines).encode())], catalogue)
 
 
-def assert_same(one, two, epoch_tolerance_s=0.0):
+def assert_same(first, second, epoch_tolerance_s=0.0):
     for name in (*NUMBERS, "tag", "kind"):
-        assert np.array_equal(getattr(one, name), getattr(two, name), equal_nan=name in NUMBERS), name
-    assert one.paths().tolist() == two.paths().tolist()
-    days = (one.epoch.jd - two.epoch.jd) + (one.epoch.fraction - two.epoch.fraction)
+        assert np.array_equal(getattr(first, name), getattr(second, name), equal_nan=name in NUMBERS), name
+    assert first.paths().tolist() == second.paths().tolist()
+    days = (first.epoch.jd - second.epoch.jd) + (first.epoch.fraction - second.epoch.fraction)
     assert np.abs(days).max() * 86400.0 <= epoch_tolerance_s
 
 
@@ -57,9 +57,9 @@ def test_what_was_read_is_written_and_read_again_unchanged(crd_lines, tmp_path, 
     assert file.read_text(encoding="utf-8").startswith("# one\n# two\n# three\nepoch_utc,type,path,")
     if light_time:
         assert ",2.581730448437," in file.read_text(encoding="utf-8")
-    again = tmp_path / "b.csv"
-    write_table(again, second, light_time=light_time, comments=["one", "two", "three"])
-    assert again.read_bytes() == file.read_bytes()
+    second_file = tmp_path / "b.csv"
+    write_table(second_file, second, light_time=light_time, comments=["one", "two", "three"])
+    assert second_file.read_bytes() == file.read_bytes()
 
 
 finite = st.floats(1e-3, 1e12, allow_nan=False)
@@ -75,7 +75,7 @@ finite = st.floats(1e-3, 1e12, allow_nan=False)
 )
 def test_any_observations_come_back(days, fraction, value, sigma, pressure, tag, tmp_path_factory):
     n = len(days)
-    made = Observations.from_columns(
+    observations = Observations.from_columns(
         epoch=Epochs.from_jd(2441317.5 + np.array(days), fraction, "UTC"),
         links=(Link("A", "b c", "Ł"),),
         value_m=value + np.arange(n),
@@ -84,11 +84,11 @@ def test_any_observations_come_back(days, fraction, value, sigma, pressure, tag,
         tag=tag,
     )
     # Rows that fall together would be refused: one observation has one value.
-    made = made.select(np.sort(np.unique(made.epoch.jd, return_index=True)[1]))
+    observations = observations.select(np.sort(np.unique(observations.epoch.jd, return_index=True)[1]))
     file = tmp_path_factory.mktemp("table") / "a.csv"
-    write_table(file, made)
+    write_table(file, observations)
     first = read_table(file)
-    assert_same(made, first, EPOCH_TOLERANCE_S)
+    assert_same(observations, first, EPOCH_TOLERANCE_S)
     write_table(file, first)
     assert_same(first, read_table(file))
 
@@ -139,11 +139,11 @@ def test_a_table_without_rows_is_refused(table_lines):
 
 
 def test_two_values_of_one_observation_are_refused(table_lines):
-    other = table_lines[4].replace("2.4053617732419", "2.4053617732519")
+    other_line = table_lines[4].replace("2.4053617732419", "2.4053617732519")
     with pytest.raises(InputError, match=r"a.csv, line 7: .* has another value .* line 5 \(1 such"):
-        parse_table("a.csv", [*table_lines[:-1], other, ""], None)
+        parse_table("a.csv", [*table_lines[:-1], other_line, ""], None)
     # At another wavelength or over another count interval it is another observation.
-    assert len(parse_table("a.csv", [*table_lines[:-1], f"{other}1.064", ""], None)) == 4
+    assert len(parse_table("a.csv", [*table_lines[:-1], f"{other_line}1.064", ""], None)) == 4
 
 
 def test_cut_inside_the_last_number():
@@ -154,8 +154,8 @@ def test_cut_inside_the_last_number():
     with pytest.raises(FileFormatError, match="line 2: the last line has no line end: its wavelength_um"):
         parse_table("a.csv", f"{header}{row}"[:-1].split("\n"), None)
     # A time tag that was cut is none.
-    whole = f"{header}{row}\n".replace(",wavelength_um", "").replace(",0.752\n", "")
-    assert len(parse_table("a.csv", whole.split("\n"), None)) == 1
+    complete = f"{header}{row}\n".replace(",wavelength_um", "").replace(",0.752\n", "")
+    assert len(parse_table("a.csv", complete.split("\n"), None)) == 1
 
 
 HEADER = "epoch_utc,type,path,observed_m,sigma_m,time_tag"
@@ -173,7 +173,7 @@ def rows(count):
 def test_blocks_and_quotes_make_no_difference(tmp_path, monkeypatch):
     """Whether in one block or many, plain or quoted row by row: the same rows."""
     plain = [HEADER, *rows(200)]
-    whole = parse_table("a.csv", plain, None)
+    complete = parse_table("a.csv", plain, None)
     quoted = [f'"{line}"'.replace(",", '","') if k % 50 == 7 else line for k, line in enumerate(plain)]
     commented = [
         extra for k, line in enumerate(plain) for extra in ([line, "# note", ""] if k % 9 == 0 else [line])
@@ -184,7 +184,7 @@ def test_blocks_and_quotes_make_no_difference(tmp_path, monkeypatch):
         for size in (64, 700, 10**6):
             monkeypatch.setattr(table, "read_blocks", lambda path, size=size: read_blocks(path, size))
             read = read_table(file)
-            assert_same(whole, read)
+            assert_same(complete, read)
             assert [lines[number - 1].replace('"', "")[-20:] for number in read.line] == [
                 line[-20:] for line in plain[1:]
             ]

@@ -9,8 +9,8 @@ from radioloc.io.tdm import kvn as tdm_kvn
 from radioloc.io.tdm.kvn import parse_kvn
 
 
-def read(*segments, **more):
-    return parse_kvn("a.kvn", kvn(*segments, **more))
+def read(*segments, **options):
+    return parse_kvn("a.kvn", kvn(*segments, **options))
 
 
 def test_header_metadata_and_records():

@@ -35,8 +35,8 @@ def readout(*segments, catalogue=None, path="a.kvn", **agreement):
     return tdm_observations(message, agreement, catalogue=catalogue)
 
 
-def read(*segments, **more):
-    return readout(*segments, **more).observations
+def read(*segments, **options):
+    return readout(*segments, **options).observations
 
 
 def seconds_after(observations, text):
@@ -157,8 +157,8 @@ def test_one_way_range():
     assert got.value_m.tolist() == [384400500.0]
     assert got.sigma_m.tolist() == [0.7]
     assert read((ONE_WAY | {"TIMETAG_REF": "TRANSMIT"}, ONE_WAY_RANGES)).tags().tolist() == ["transmit"]
-    whole = "RANGE is 768800 km one way, but between Earth and Moon it is 329772 to 419709 km"
-    with pytest.raises(FileFormatError, match=f"line 12: {whole}"):
+    one_way_problem = "RANGE is 768800 km one way, but between Earth and Moon it is 329772 to 419709 km"
+    with pytest.raises(FileFormatError, match=f"line 12: {one_way_problem}"):
         read((ONE_WAY, RANGES), catalogue=StationCatalogue.default())
     got = read((ONE_WAY, RANGES), catalogue=StationCatalogue.default(), lunar=False)
     assert got.value_m[1] == 768801500.0
@@ -237,9 +237,9 @@ def test_clock_difference_of_two_stations():
         assert np.abs(got.observations.value_m - C_M_S * (-1.5e-3 - clock_s)).max() < VALUE_TOLERANCE_M
         assert seconds_after(got.observations, "2021-03-28T14:00:00")[0] == 0.0
         assert not got.ignored
-    left = readout(VLBI, (CLOCK, records), apply_clocks=False)
-    assert left.observations.value_m.tolist() == [C_M_S * -1.5e-3] * 2
-    assert left.ignored == {"CLOCK_BIAS": 2, "CLOCK_DRIFT": 1}
+    uncorrected = readout(VLBI, (CLOCK, records), apply_clocks=False)
+    assert uncorrected.observations.value_m.tolist() == [C_M_S * -1.5e-3] * 2
+    assert uncorrected.ignored == {"CLOCK_BIAS": 2, "CLOCK_DRIFT": 1}
 
 
 def test_clocks_against_utc():
@@ -259,8 +259,8 @@ def test_clocks_of_ranges():
     # The receiver's clock is ahead of UTC: it read later than it was.
     assert abs(three_way.value_m[1] - (768801500.0 - C_M_S * 2e-6)) < VALUE_TOLERANCE_M
     assert abs(seconds_after(three_way, "2021-03-28T14:01:00")[1] + 2e-6) < EPOCH_TOLERANCE_S
-    own = (station | {"PARTICIPANT_1": "KASHI"}, bias[1])
-    two_way = read((TWO_WAY, RANGES), own)
+    station_clock = (station | {"PARTICIPANT_1": "KASHI"}, bias[1])
+    two_way = read((TWO_WAY, RANGES), station_clock)
     assert two_way.value_m[1] == 768801500.0
     assert abs(seconds_after(two_way, "2021-03-28T14:01:00")[1] + 2e-6) < EPOCH_TOLERANCE_S
 
@@ -328,8 +328,8 @@ def test_a_transmitted_frequency_holds_from_its_time_tag_on():
     def status(got):
         return ExactPredictor(PhysicalModel.build(), got, FixedPoint(lander_pa_m)).compute().status[:, 0]
 
-    found = readout((metadata, records))
-    got, notes = found.observations, found.notes
+    observations = readout((metadata, records))
+    got, notes = observations.observations, observations.notes
     assert got.ramped.tolist() == [True, True, True, False]  # the third may have been transmitted before
     assert np.abs(got.value_m - 300.0).max() < GROWTH_TOLERANCE_M
     assert status(got).tolist() == [Status.NO_RAMP, Status.NO_RAMP, Status.OK, Status.OK]
@@ -381,8 +381,8 @@ def test_ramps_of_an_uplink_with_a_delay():
     moved_s = delayed.ramps.start.seconds_since(got.ramps.start)
     assert moved_s == pytest.approx(1e-4, abs=EPOCH_TOLERANCE_S)
     modelled = EquipmentDelays(stations={"KASHI": StationDelay(transmit_s=1e-4)})
-    kept = read((ramped(3)[0] | {"TRANSMIT_DELAY_1": "1e-4"}, ramped(3)[1]), modelled=modelled)
-    assert np.abs(kept.ramps.start.seconds_since(got.ramps.start)).max() == 0.0
+    modelled_delay = read((ramped(3)[0] | {"TRANSMIT_DELAY_1": "1e-4"}, ramped(3)[1]), modelled=modelled)
+    assert np.abs(modelled_delay.ramps.start.seconds_since(got.ramps.start)).max() == 0.0
 
 
 def test_passes_with_uplinks_of_their_own():
@@ -437,9 +437,9 @@ def test_weather_of_the_station():
     assert np.isnan(got.observations.temperature_k).all()
     assert got.observations.relative_humidity.tolist() == [0.45, 0.45]
     assert got.ignored == {}
-    other = readout((THREE_WAY, RANGES), weather, catalogue=StationCatalogue.default())
-    assert np.isnan(other.observations.pressure_hpa).all()
-    assert other.ignored == {"TEMPERATURE": 1, "PRESSURE": 2, "RHUMIDITY": 1}
+    bistatic = readout((THREE_WAY, RANGES), weather, catalogue=StationCatalogue.default())
+    assert np.isnan(bistatic.observations.pressure_hpa).all()
+    assert bistatic.ignored == {"TEMPERATURE": 1, "PRESSURE": 2, "RHUMIDITY": 1}
 
 
 # What is accounted for, and what is refused
@@ -559,7 +559,7 @@ def test_measurements_outside_of_start_and_stop():
 
 
 @pytest.mark.parametrize(
-    ("given", "problem"),
+    ("fields", "problem"),
     [
         ({"sigma_m": {"ranges": 1.0}}, "ranges"),
         ({"sigma_m": {"range": 0.0}}, "above zero"),
@@ -568,6 +568,6 @@ def test_measurements_outside_of_start_and_stop():
         ({"turnaround": (880, 0)}, "two whole numbers"),
     ],
 )
-def test_agreements_that_cannot_be(given, problem):
+def test_agreements_that_cannot_be(fields, problem):
     with pytest.raises(InputError, match=problem):
-        TdmAgreement(**given)
+        TdmAgreement(**fields)

@@ -70,8 +70,8 @@ def test_ramped_doppler_there_and_back(model, tmp_path):
 
 def test_the_same_by_another_reference_frequency(model, tmp_path):
     """What is read is in metres by the first frequency of the message, whatever it was before."""
-    other = counts(uplink_hz=REFERENCE_HZ + 12345.0)
-    observed = counts(uplink_hz=REFERENCE_HZ + 12345.0, value_m=computed(model, other).value_m)
+    shifted = counts(uplink_hz=REFERENCE_HZ + 12345.0)
+    observed = counts(uplink_hz=REFERENCE_HZ + 12345.0, value_m=computed(model, shifted).value_m)
     write_tdm(tmp_path / "a.kvn", observed, originator="TEST")
     read = read_tdm(tmp_path / "a.kvn", TdmAgreement(sigma_m={"doppler": 1e-3}))
     assert set(read.uplink_hz) == {REFERENCE_HZ}
@@ -133,13 +133,13 @@ def test_a_beacon_that_changes_its_frequency(model, tmp_path):
     modelled = computed(model, read)
     assert (modelled.status == 0).all()
     residual_m = read.value_m - modelled.value_m
-    whole = np.arange(15) != 7
-    assert np.abs(residual_m[whole]).max() < TOLERANCE_M
+    complete = np.arange(15) != 7
+    assert np.abs(residual_m[complete]).max() < TOLERANCE_M
     # In half a minute the light time grows by 30 microseconds.
     assert abs(residual_m[7]) < STEP_HZ * 1e-4 * C_M_S / BEACON_HZ
     write_tdm(tmp_path / "b.kvn", read, originator="TEST")
-    again = read_tdm(tmp_path / "b.kvn", agreement)
-    np.testing.assert_allclose(again.value_m - computed(model, again).value_m, residual_m, atol=TOLERANCE_M)
+    reread = read_tdm(tmp_path / "b.kvn", agreement)
+    np.testing.assert_allclose(reread.value_m - computed(model, reread).value_m, residual_m, atol=TOLERANCE_M)
 
 
 def test_ambiguous_ranges_there_and_back(tmp_path):

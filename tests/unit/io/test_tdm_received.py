@@ -100,8 +100,8 @@ def test_three_way_by_what_is_known_of_the_sender(tmp_path):
         AMATEUR.replace("2022-11-20T14:23:56.890   2216499794.8\n", "2022-11-20T14:24:00 2216499794.8\n")
     )
     sent_hz = 2216.5e6 * 221 / 240
-    known = FrequencyAgreement(sent_hz, 0.5, transmitter="ks", turnaround=(240, 221))
-    got = read_observations(tmp_path / "a.tdm", frequencies=[known], catalogue=StationCatalogue.default())
+    uplink = FrequencyAgreement(sent_hz, 0.5, transmitter="ks", turnaround=(240, 221))
+    got = read_observations(tmp_path / "a.tdm", frequencies=[uplink], catalogue=StationCatalogue.default())
     assert set(got.paths()) == {"KASHI>2022-156a>COSPAR 8049"}
     assert set(got.types()) == {"doppler"}
     assert set(got.uplink_hz) == {sent_hz}
@@ -144,8 +144,8 @@ def test_differenced_doppler():
 
 def test_the_wavelength_of_a_delay_is_that_of_what_is_received():
     """Where the study knows the uplink, the target sends it times the ratio."""
-    known = FrequencyAgreement(7.2e9, 0.5, transmitter="KASHI", turnaround=(880, 749))
+    uplink = FrequencyAgreement(7.2e9, 0.5, transmitter="KASHI", turnaround=(880, 749))
     got = read(
-        (DELAY, ["VLBI_DELAY = 2021-03-28T14:00:00 1e-3"]), sigma_m={"vlbi_delay": 0.1}, frequencies=(known,)
+        (DELAY, ["VLBI_DELAY = 2021-03-28T14:00:00 1e-3"]), sigma_m={"vlbi_delay": 0.1}, frequencies=(uplink,)
     )
     assert got.wavelength_um[0] == pytest.approx(1e6 * C_M_S * 749 / 880 / 7.2e9, rel=1e-15)

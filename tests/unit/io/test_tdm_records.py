@@ -30,8 +30,8 @@ def test_other_time_systems():
         "TT": to_scale(epochs_from_strings(text, "TT"), "UTC"),
         "TDB": to_scale(epochs_from_strings(text, "TDB"), "UTC"),
     }
-    for system, wanted in expected.items():
-        assert seconds_apart(utc([text], system), wanted).max() < EPOCH_TOLERANCE_S
+    for system, expected_utc in expected.items():
+        assert seconds_apart(utc([text], system), expected_utc).max() < EPOCH_TOLERANCE_S
     assert (
         seconds_apart(utc([GPS_EPOCH_UTC], "GPS"), epochs_from_strings(GPS_EPOCH_UTC, "UTC")).max()
         < EPOCH_TOLERANCE_S

@@ -53,8 +53,8 @@ def rows_of(observations):
     return sorted(rows, key=repr)
 
 
-def written_and_read(observations, path, **more):
-    write_tdm(path, observations, originator="TEST", **more)
+def written_and_read(observations, path, **options):
+    write_tdm(path, observations, originator="TEST", **options)
     return read_tdm(path, AGREEMENT)
 
 
@@ -195,16 +195,16 @@ def test_observations_without_a_keyword_are_refused(columns, problem, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("more", "problem"),
+    ("options", "problem"),
     [
         ({"originator": " "}, "ORIGINATOR"),
         ({"originator": "a\nb"}, "printable ASCII"),
         ({"comments": ["\t"]}, "printable ASCII"),
     ],
 )
-def test_header_texts_are_printable_ascii(more, problem, tmp_path):
+def test_header_texts_are_printable_ascii(options, problem, tmp_path):
     with pytest.raises(InputError, match=problem):
-        write_tdm(tmp_path / "a.kvn", observations_with(), **({"originator": "TEST"} | more))
+        write_tdm(tmp_path / "a.kvn", observations_with(), **({"originator": "TEST"} | options))
 
 
 def test_empty_observations_and_missing_folders(tmp_path):

@@ -71,8 +71,8 @@ def test_the_naif_code_of_a_study_is_compared_with_the_number_of_the_tracking():
     study = radioloc.read_study(EXAMPLES / "orbiter" / "orbiter.toml")
     tracked = radioloc.read_observations(EXAMPLES / "dsn" / "lander.odf")
     model = SimpleNamespace(sources={}, media_calibrations=None)
-    other = replace(study, target=replace(study.target, body=-85), target_name=None)
-    [note] = spacecraft_doubts(other, tracked, model)
+    orbiter_study = replace(study, target=replace(study.target, body=-85), target_name=None)
+    [note] = spacecraft_doubts(orbiter_study, tracked, model)
     assert "sc999" in note
     assert "-85" in note
     assert spacecraft_doubts(replace(study, target_name="LRO"), tracked, model) == []  # body is -999

@@ -45,7 +45,7 @@ def radio():
     return replace(study, consider_defaults=False, consider={}, simulation=None)
 
 
-def solved(folder, place=PLACE, relative_m2=RELATIVE_M2, **more):
+def solved(folder, place=PLACE, relative_m2=RELATIVE_M2, **fields):
     """Write what ``radioloc images`` writes of a position, whose height may be undetermined (NaN)."""
     ties_m = np.diag(TIE_M) @ np.column_stack([np.eye(2), SLOPE])
     ties_m[:, 2] *= np.isfinite(relative_m2[2, 2])
@@ -62,7 +62,7 @@ def solved(folder, place=PLACE, relative_m2=RELATIVE_M2, **more):
             for axis, sigma, moved in zip(("east", "north"), TIE_M, ties_m, strict=True)
         ],
         "provenance": {"study": None, "files": ["0001.png"]},
-        **more,
+        **fields,
     }
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / "solution.json"
@@ -75,7 +75,7 @@ def with_places(study, *places, **estimate):
     return replace(study, observations=replace(study.observations, map_positions=places), estimate=estimate)
 
 
-def number(east_m=0.0, north_m=0.0, **more):
+def number(east_m=0.0, north_m=0.0, **fields):
     """A position some metres off PLACE, in numbers."""
     longitude, latitude, height = PLACE
     radius_m = 1737400.0 + height
@@ -83,7 +83,7 @@ def number(east_m=0.0, north_m=0.0, **more):
         longitude_deg=longitude + np.degrees(east_m / radius_m) / np.cos(np.radians(latitude)),
         latitude_deg=latitude + np.degrees(north_m / radius_m),
         height_m=height,
-        **{"sigma_m": 3.0, "map": "some.map", "map_sigma_m": TIE_M} | more,
+        **{"sigma_m": 3.0, "map": "some.map", "map_sigma_m": TIE_M} | fields,
     )
 
 
@@ -108,21 +108,23 @@ def test_fit_with_a_map_position_equals_the_combination_of_both_solutions(radio,
     of_radio = radioloc.locate(radio, ranges)
     longitude, latitude, up = of_radio.selenographic
     images = solved(tmp_path / "images", (longitude + 1e-3, latitude - 5e-4, up + 40.0 * height), relative_m2)
-    alone = tmp_path / "radio.json"
-    write_json(alone, of_radio.to_dict())
-    apart = compare([alone, images]).joint
+    tracking_only = tmp_path / "radio.json"
+    write_json(tracking_only, of_radio.to_dict())
+    combined = compare([tracking_only, images]).joint
     joint = radioloc.locate(with_places(radio, PlaceOnMap(solution=images)), ranges)
     assert joint.converged
-    assert_same(joint, apart)
+    assert_same(joint, combined)
     covariance = joint.position_covariance("enu")
-    assert covariance == pytest.approx(apart.covariance_enu_m2, rel=1e-3, abs=0.05)
+    assert covariance == pytest.approx(combined.covariance_enu_m2, rel=1e-3, abs=0.05)
     if height:
         assert np.sqrt(covariance[2, 2]) < 11.0
     # It contains the images, so it is not tested against them; the tie is an error of both.
-    one, two = (PositionEstimate.from_solution(c) for c in (joint.to_dict(), json.loads(images.read_text())))
-    assert agreement(one, two).why == "they share observations"
-    assert set(two.errors_enu_m) <= set(one.errors_enu_m)
-    assert np.linalg.eigvalsh(one.noise_enu_m2).min() > 0.0
+    of_fit, of_images = (
+        PositionEstimate.from_solution(c) for c in (joint.to_dict(), json.loads(images.read_text()))
+    )
+    assert agreement(of_fit, of_images).why == "they share observations"
+    assert set(of_images.errors_enu_m) <= set(of_fit.errors_enu_m)
+    assert np.linalg.eigvalsh(of_fit.noise_enu_m2).min() > 0.0
     # The budget adds up, and names the map.
     assert sum(item.total_m**2 for item in joint.budget) == pytest.approx(np.trace(covariance))
     assert {item.source: item for item in joint.budget}["map_tie"].name == "some.map"
@@ -141,13 +143,13 @@ def test_considered_errors_weigh_against_the_map_as_in_the_combination(radio, ra
     choices = radioloc.parameters.considered.considered_choices(considered)
     study = replace(radio, consider=choices, consider_defaults="station_position_sigma_m" in considered)
     of_radio = radioloc.locate(study, ranges)
-    alone = tmp_path / "radio.json"
-    write_json(alone, of_radio.to_dict())
+    tracking_only = tmp_path / "radio.json"
+    write_json(tracking_only, of_radio.to_dict())
     # As far off as in the documented example, where lines of sight and the verticals of both differ by 2.5e-5 rad.
     away_m = displaced(of_radio.position_me_m, np.array([-43.0, -5.0, 139.0]))
     images = solved(tmp_path / "images", LunarPosition.from_cartesian(away_m, "ME_DE421").selenographic)
     joint = radioloc.locate(with_places(study, PlaceOnMap(solution=images)), ranges)
-    assert_same(joint, compare([alone, images]).joint)
+    assert_same(joint, compare([tracking_only, images]).joint)
     assert (joint.sigma_enu_m()[:2] < np.hypot(TIE_M, np.sqrt(np.diag(RELATIVE_M2))[:2])).all()
 
 
@@ -176,7 +178,7 @@ def test_a_priori_positions_of_two_targets_on_one_map_have_their_covariance():
     assert priors[0].cross_enu_m2["b"][:2, :2] == pytest.approx(tie_m2[:2, :2], rel=1e-6)
     starts = [prior.mean.to_axes("PA", constants).xyz_m for prior in priors]
     placed = with_position_priors([on_sphere(start, None) for start in starts], priors, constants)
-    parameters = [item for found, _ in placed for item in found]
+    parameters = [item for items, _ in placed for item in items]
     values = np.array([item.prior_value for item in parameters])
     assert placed[1][1](values)[0] == pytest.approx(starts[1], abs=1e-6)
     partials = np.zeros((2, 3, 6))
@@ -195,11 +197,11 @@ def test_a_priori_positions_of_two_targets_on_one_map_have_their_covariance():
 
 
 def test_positions_on_one_map_share_its_tie(radio, ranges):
-    one = sigmas_m(with_places(radio, number()), ranges)
-    two = sigmas_m(with_places(radio, number(), number(1.0)), ranges)
-    other = sigmas_m(with_places(radio, number(), number(1.0, map="another.map")), ranges)
-    assert other[0] < 0.85 * one[0]  # nearly by the root of two: two maps
-    assert one[0] > two[0] > 0.97 * one[0]
+    single = sigmas_m(with_places(radio, number()), ranges)
+    double = sigmas_m(with_places(radio, number(), number(1.0)), ranges)
+    two_maps = sigmas_m(with_places(radio, number(), number(1.0, map="another.map")), ranges)
+    assert two_maps[0] < 0.85 * single[0]  # nearly by the root of two: two maps
+    assert single[0] > double[0] > 0.97 * single[0]
 
 
 def test_a_known_place_on_the_map_determines_its_tie(radio, ranges):
@@ -211,7 +213,7 @@ def test_a_known_place_on_the_map_determines_its_tie(radio, ranges):
 
 
 def test_a_map_position_is_that_of_its_target(radio, ranges):
-    both = Observations.concatenate(
+    observations = Observations.concatenate(
         [
             replace(ranges, links=tuple(replace(link, target=name) for link in ranges.links))
             for name in ("lander", "rover")
@@ -225,39 +227,39 @@ def test_a_map_position_is_that_of_its_target(radio, ranges):
     )
     place = number(target="rover")
     study = replace(study, observations=replace(study.observations, map_positions=[place]))
-    solution = radioloc.locate(study, both)
+    solution = radioloc.locate(study, observations)
     sigmas = [solution.of_target(name).sigma_enu_m() for name in ("lander", "rover")]
     assert sigmas[1][0] < 30.0 < sigmas[0][0]
     # Both on one map: their difference has no part of its tie, and the rover's distance is as read on the map.
     lander = number(30.0, -40.0, target="lander")
     on_map = replace(study.observations, map_positions=[place, lander])
-    solution = radioloc.locate(replace(study, observations=on_map), both)
-    apart = [solution.of_target(name) for name in ("lander", "rover")]
-    moved_m = local_difference(*(one.position_me_m for one in apart))
+    solution = radioloc.locate(replace(study, observations=on_map), observations)
+    solutions = [solution.of_target(name) for name in ("lander", "rover")]
+    moved_m = local_difference(*(item.position_me_m for item in solutions))
     assert moved_m.enu_m[:2] == pytest.approx([30.0, -40.0], abs=5.0)
-    first, second = (one.position_partials for one in solution.targets)
+    first, second = (item.position_partials for item in solution.targets)
     difference = first - second
-    rot = axes_at(apart[0].position_pa_m) @ difference
+    rot = axes_at(solutions[0].position_pa_m) @ difference
     sigma_m = np.sqrt(np.diag(rot @ solution.parameter_covariance() @ rot.T))
     assert (sigma_m[:2] < 3.0 * np.sqrt(2.0)).all()
-    assert all(one.sigma_enu_m()[0] > 10.0 for one in apart)
-    assert sum(item.total_m**2 for item in apart[1].budget) == pytest.approx(
-        np.trace(apart[1].position_covariance("enu"))
+    assert all(item.sigma_enu_m()[0] > 10.0 for item in solutions)
+    assert sum(item.total_m**2 for item in solutions[1].budget) == pytest.approx(
+        np.trace(solutions[1].position_covariance("enu"))
     )
     # Of one target that is chosen from the files no name is needed.
-    one = with_places(radio, number())
-    one = replace(one, observations=replace(one.observations, targets=("rover",)))
-    assert radioloc.locate(one, both).sigma_enu_m()[0] == pytest.approx(sigmas[1][0], rel=0.05)
+    study = with_places(radio, number())
+    study = replace(study, observations=replace(study.observations, targets=("rover",)))
+    assert radioloc.locate(study, observations).sigma_enu_m()[0] == pytest.approx(sigmas[1][0], rel=0.05)
 
 
 def test_an_a_priori_height_is_combined_with_that_of_the_map(radio, ranges):
     place = number(sigma_up_m=10.0)
-    alone = sigmas_m(with_places(radio, place), ranges)
-    assert alone[2] < 10.0
+    tracking_only = sigmas_m(with_places(radio, place), ranges)
+    assert tracking_only[2] < 10.0
     prior = HeightPrior(PLACE[2] - 3.0, 10.0)
     assert sigmas_m(with_places(radio, place, height_prior=prior), ranges)[2] < 10.0 / np.sqrt(2.0)
-    without = sigmas_m(with_places(radio, number(), height_prior=prior), ranges)
-    assert without == pytest.approx(alone, rel=0.02)
+    without_map_height = sigmas_m(with_places(radio, number(), height_prior=prior), ranges)
+    assert without_map_height == pytest.approx(tracking_only, rel=0.02)
 
 
 def test_map_positions_are_drawn_in_each_trial(tmp_path):

@@ -98,12 +98,12 @@ def test_any_parameter_of_the_registry_can_be_wrong(tmp_path):
         "terms_on = []", 'terms_on = []\nfrequency_offset_value = { "KASHI>lander>KASHI" = 1e-13 }'
     )
     text += "frequency_offset_value = 1e-12\n"
-    found = radioloc.simulate(read(tmp_path, text))
-    doppler = found.observations.types() == "doppler"
+    simulated = radioloc.simulate(read(tmp_path, text))
+    doppler = simulated.observations.types() == "doppler"
     # An offset scales what is received: the whole count, less by how much the path grows in it.
-    received_m = 299792458.0 * 60.0 - found.observations.value_m
+    received_m = 299792458.0 * 60.0 - simulated.observations.value_m
     np.testing.assert_allclose(
-        found.added_m["frequency_offset"], np.where(doppler, 1e-13 * received_m, 0.0), rtol=1e-10
+        simulated.added_m["frequency_offset"], np.where(doppler, 1e-13 * received_m, 0.0), rtol=1e-10
     )
     assert "frequency_offset_value" in read(tmp_path, text).simulation.truth_sigma.keys
 

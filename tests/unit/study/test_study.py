@@ -47,7 +47,7 @@ def test_choice_of_observations_is_checked(fields, message):
 
 @pytest.mark.parametrize("height_m", [2.1e4, -2.1e4, math.nan, math.inf])
 def test_height_that_the_moon_does_not_have_is_refused(height_m):
-    with pytest.raises(InputError, match="is no height"):
+    with pytest.raises(InputError, match="lunar height"):
         HeightPrior(height_m, 1.0)
 
 

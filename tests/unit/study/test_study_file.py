@@ -109,11 +109,15 @@ height_m = -1922.0
     assert study.model.ephemeris == str(folder / "sub" / "de.bsp")
     assert study.model.libration == "DE421"
     assert study.model.earth_orientation == folder / "eop.txt"
-    mine = study.catalogue.get("9999")
-    assert (mine.name, mine.epoch_year, mine.velocity_m_yr.tolist()) == ("MINE", 2010.0, [0.01, 0.0, 0.0])
+    station = study.catalogue.get("9999")
+    assert (station.name, station.epoch_year, station.velocity_m_yr.tolist()) == (
+        "MINE",
+        2010.0,
+        [0.01, 0.0, 0.0],
+    )
     assert (study.reference.name, study.reference.position.frame) == ("JPL", "PA_DE421")
-    [known] = study.references
-    assert (known.name, known.position.selenographic[2]) == ("map", pytest.approx(-1922.0))
+    [reference] = study.references
+    assert (reference.name, reference.position.selenographic[2]) == ("map", pytest.approx(-1922.0))
 
 
 def test_defaults_are_those_of_the_records(read, folder):
@@ -162,14 +166,14 @@ def test_a_name_that_looks_like_a_glob_is_a_name_first(read, folder):
 @pytest.mark.parametrize("name", ["APOLLO", "7045", "apollo"])
 def test_replaced_station_keeps_its_names_and_its_loading(name, read):
     study = read(TARGET + FILES + f"[stations.{name}]\n{ITRF}")
-    before = radioloc.StationCatalogue.default().get("GRASSE")
+    catalogued = radioloc.StationCatalogue.default().get("GRASSE")
     ours, theirs = study.catalogue.get("7045"), radioloc.StationCatalogue.default().get("APOLLO")
     assert ours is study.catalogue.get("APOLLO")
     assert ours.itrf_m.tolist() == [-1463998.9085, -5166632.7635, 3435012.8835]
     assert (ours.name, ours.aliases, ours.kind) == (theirs.name, theirs.aliases, theirs.kind)
     assert ours.ocean_loading is theirs.ocean_loading
     assert ours.velocity_m_yr is None
-    assert study.catalogue.get("GRASSE") is before
+    assert study.catalogue.get("GRASSE") is catalogued
     assert len(study.catalogue) == len(radioloc.StationCatalogue.default())
 
 
@@ -226,7 +230,7 @@ def test_file_as_a_whole(content, message, read):
     [
         ("3.5", "361", "longitude_deg = 361.0 is not between -360 and 360"),
         ("26.0", "90.01", "latitude_deg = 90.01 is not between -90 and 90"),
-        ("-1000.0", "1e6", "height_m = 1000000.0 is no height"),
+        ("-1000.0", "1e6", "height_m: expected a lunar height"),
         ("height_m", "position_m = [1, 2, 3]\nheight_m", "give either position_m or longitude and latitude"),
         ("ME_DE421", "IAU", "frame 'IAU' is not known; use PA_DE421 (principal axes) or ME_DE421"),
     ],

@@ -47,12 +47,12 @@ def observations():
     ],
 )
 def test_entries_apply_in_order_where_all_selectors_hold(weights, expected_m):
-    given = observations()
-    found = weighted_observations(given, weights, CATALOGUE)
-    np.testing.assert_allclose(found.sigma_m, expected_m, rtol=ROUNDING)
-    np.testing.assert_array_equal(given.sigma_m, [1, 2, 3, 4])
-    np.testing.assert_array_equal(found.value_m, given.value_m)
-    assert not found.sigma_m.flags.writeable
+    stated = observations()
+    result = weighted_observations(stated, weights, CATALOGUE)
+    np.testing.assert_allclose(result.sigma_m, expected_m, rtol=ROUNDING)
+    np.testing.assert_array_equal(stated.sigma_m, [1, 2, 3, 4])
+    np.testing.assert_array_equal(result.value_m, stated.value_m)
+    assert not result.sigma_m.flags.writeable
 
 
 @pytest.mark.parametrize(
@@ -110,10 +110,10 @@ extra_sigma_m = 0.02
     file = tmp_path / "s.toml"
     file.write_text(text)
     study = radioloc.read_study(file)
-    found = radioloc.compute_residuals(study)
+    result = radioloc.compute_residuals(study)
     stated_m = radioloc.read_observations(data).sigma_m
-    np.testing.assert_allclose(found.residuals.sigma_m, np.hypot(3.0 * stated_m, 0.02), rtol=ROUNDING)
-    assert found.provenance["weights"] == [
+    np.testing.assert_allclose(result.residuals.sigma_m, np.hypot(3.0 * stated_m, 0.02), rtol=ROUNDING)
+    assert result.provenance["weights"] == [
         {"type": ("range",), "stations": ("APOLLO",), "factor": 3.0},
         {"files": ("apollo15*",), "extra_sigma_m": 0.02},
     ]

@@ -78,7 +78,7 @@ def scene(folder: Path) -> Scene:
     orbits = {name: one.orbit(model, table, ()) for name, one in flying.items()}
     write_orbit_spk(folder / "known.bsp", orbits["craft"].integrate(), body=BODY)
     known = Trajectory.open(folder / "known.bsp", BODY)
-    landing = study.simulation.flight
+    landing = study.simulation.position
     true = {"lander": LANDER, "rover": ROVER, **flying, "known": known, "descent": landing}
     motions = (LANDER, ROVER, *orbits.values(), known, landing.orbit_over(model, table.span(), 60.0))
     computed = ExactPredictor(model, table, motions, targets=names).compute()

@@ -6,7 +6,7 @@ data with their stated sigmas.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -29,10 +29,9 @@ from radioloc.jobs.problem import (
     require_position_or_orbit,
 )
 from radioloc.jobs.selection import arc_lengths
-from radioloc.jobs.study_targets import apriori_points
+from radioloc.jobs.simulated_targets import at_true_positions, planned_orbits, pointed_at
 from radioloc.jobs.usability import usability
 from radioloc.labels import USED
-from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.link import Link
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.predictor import Predictor
@@ -43,11 +42,9 @@ from radioloc.quantities import accepts_quantities
 from radioloc.results.covariance import Contribution, CovarianceStudy, Improvement, PlannedArc
 from radioloc.simulation import Scenario, Session
 from radioloc.simulation.schedule import Pair
-from radioloc.study.orbiter import Orbiter
 from radioloc.study.study import Study
 from radioloc.study.study_file import as_study
 from radioloc.study.weights import rows_by_station
-from radioloc.targets.design import orbit_of
 
 _Mask = NDArray[np.bool_]
 
@@ -147,32 +144,36 @@ class _Plan:
     problem: EstimationProblem  # of all observations
     usable: _Mask
     notes: tuple[str, ...]
-    orbit: AdjustableOrbit | None = None  # over the whole plan
-    # With the considered errors of their gravity fields
-    orbits: GravityErrorOrbits = field(default_factory=dict)
+    orbits: Mapping[str, AdjustableOrbit] = field(default_factory=dict)  # over the whole plan, by target
+    with_gravity_errors: GravityErrorOrbits = field(default_factory=dict)
 
     @classmethod
     def of(cls, study: Study, observations: Observations | None = None, like: _Plan | None = None) -> _Plan:
-        """Return the plan of a schedule or of files; `like` has the orbit of another plan."""
-        orbit = None if like is None else like.orbit
+        """Return the plan of a schedule or of files; `like` has the orbits of another plan."""
+        orbits = {} if like is None else like.orbits
         if study.simulation is None or observations is not None:
             arc, left_out = prepared_arc(study, observations)
             noise = None
             notes = ["the noise is white and as stated: how long errors last is known from residuals only"]
         else:
-            study, arc, left_out, noise, notes = _scheduled(study, study.simulation, orbit)
+            study, arc, left_out, noise, notes = _scheduled(study, study.simulation, orbits)
         problem = EstimationProblem.of(study, arc, study.estimate, noise)
         usable = usability(arc)[0].are(USED)
         if not usable.all():
             notes.append(f"{int((~usable).sum())} observations cannot be used: too low, or out of sight")
-        x = problem.model.parameters.prior_values
-        orbits = problem.orbits_with_gravity_errors(x) if like is None else like.orbits
+        if not orbits:
+            orbits = {one.name: one.orbit for one in problem.model.targets if one.orbit is not None}
+        errors = (
+            problem.orbits_with_gravity_errors(problem.model.parameters.prior_values)
+            if like is None
+            else like.with_gravity_errors
+        )
         notes += notes_of_plan(arc, left_out)
-        return cls(study, problem, usable, tuple(notes), orbit or orbit_of(arc), orbits)
+        return cls(study, problem, usable, tuple(notes), orbits, errors)
 
     def fit(self, part: ArcPart) -> PlannedFit:
         """Return the fit of a part without values."""
-        return PlannedFit.of(part, self.usable, self.orbits)
+        return PlannedFit.of(part, self.usable, self.with_gravity_errors)
 
     def parts(self, hours: Iterable[float] | float | None) -> list[ArcPart]:
         """Return parts of some lengths, the shortest first; of default lengths those that add observations."""
@@ -194,21 +195,14 @@ class _Plan:
 
 
 def _scheduled(
-    study: Study, scenario: Scenario, orbit: AdjustableOrbit | None
+    study: Study, scenario: Scenario, orbits: Mapping[str, AdjustableOrbit]
 ) -> tuple[Study, Predictor, dict[str, int], ObservationCovariance, list[str]]:
     """Return the study at the true position, its arc by the schedule, and the noise that the schedule states."""
-    target: LunarPosition | Orbiter | None = scenario.place
-    if study.orbiter is not None and scenario.flight is not None:
-        target = study.orbiter.with_state(scenario.flight.state)  # the forces are those of the fit
-    assert target is not None  # the study has seen to that
-    study = replace(study, target=target, reference=None, references=())
+    study = at_true_positions(study, scenario)
     model = model_of(study)
-    if study.orbiter is not None and orbit is None:
-        assert study.estimate.orbit is not None
-        orbit = scenario.orbit(model, study.orbiter, study.estimate.orbit.parameters(study.orbiter.forces))
-    pointed_at = apriori_points(study, model)[0].position_pa_m if orbit is None else orbit.nearest()
-    plan = scenario.schedule.plan(model, pointed_at, scenario.name)
-    arc, left_out, rows = planned_arc(study, plan.observations, model, orbit)
+    orbits = orbits or planned_orbits(study, scenario, model)
+    plan = scenario.schedule.plan(model, pointed_at(study, scenario, model, orbits))
+    arc, left_out, rows = planned_arc(study, plan.observations, model, orbits)
     without_noise = [kind for kind in arc.observations.types() if kind not in scenario.noise.link]
     notes = [
         f"[simulation.noise.{kind}] is not given: white noise of the sessions' sigma_m"

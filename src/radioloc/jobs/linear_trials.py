@@ -22,7 +22,6 @@ from radioloc.jobs.verdict import WIDEST_M, misfits
 from radioloc.labels import Labels
 from radioloc.noise import ObservationCovariance
 from radioloc.parameters.parameter import ParameterSet
-from radioloc.results.monte_carlo import sides_of
 from radioloc.simulation.noise import NoiseDraws
 from radioloc.simulation.truth import DrawnErrors
 from radioloc.study.study import EstimateChoice
@@ -34,15 +33,16 @@ _OF_PRIORS = 1
 """Number of the random sequence of a-priori values, beside those of noise and drawn errors of the same seed."""
 
 
-def base_columns(sides: Sequence[str]) -> tuple[str, ...]:
-    """Return the columns of a trial and arc: errors by axis, variance components (m), parameters with sigmas."""
+def base_columns(*axes: Sequence[str]) -> tuple[str, ...]:
+    """Return the columns of a trial and arc whose errors are along one set of axes, or along several."""
+    every = [axis for item in axes for axis in item]
     return (
         *("converged", "used", "rejected"),
-        *(f"{side}_m" for side in sides),
-        *(f"sigma_{side}_m" for side in sides),
-        f"correlation_{sides[0]}_{sides[1]}",
+        *(f"{axis}_m" for axis in every),
+        *(f"sigma_{axis}_m" for axis in every),
+        *(f"correlation_{first}_{second}" for first, second, _ in axes),
         *("nees", "nees_horizontal", "noise_scale"),
-        *(("nees_state",) if sides == ALONG_ACROSS_RADIAL else ()),
+        *(("nees_state",) if ALONG_ACROSS_RADIAL in axes else ()),
     )
 
 
@@ -50,11 +50,13 @@ def base_columns(sides: Sequence[str]) -> tuple[str, ...]:
 class Compared:
     """Comparison of estimates with the truth: q times d numbers from p parameters, k drawn and c considered errors."""
 
+    axes: Sequence[str]
     by_parameters: _Floats  # (q, d, p)
     by_drawn: _Floats  # (q, d, k), how the truth is moved
     by_considered: _Floats  # (q, d, c), beside what the parameters do
     offset_m: _Floats  # (q, d), truth without drawn errors less where the model was linearized
     added_m2: _Floats  # (d, d), covariance that is added
+    height_m: float | None = None  # of the true position; of none on an orbit
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,23 +67,25 @@ class LinearArc:
     problem: LinearProblem  # at the true position, the other parameters at their a-priori values
     parameters: ParameterSet
     held_m: _Floats  # (m,), what those others add to the computed values
-    compared: Compared
+    compared: tuple[Compared, ...]  # one of each target
     noise: ObservationCovariance  # as stated
     status: Labels  # before the fit
     order: SeriesOrder
     estimate: EstimateChoice
-    height_m: float | None  # of the true position; of none on an orbit
     suboptimal_m: (
         _Floats  # (m, c), effects of considered errors that are not in the weights, each of one sigma
     )
-    drawn_prior_sigmas: _Floats | None = None  # (p,), of a-priori values that are drawn about the truth
+    drawn_prior_sigmas: _Floats | None = (
+        None  # (3 points,), of a-priori positions that are drawn about the truth
+    )
 
     def fit(self, residual_m: _Floats, seed: int) -> EditedFit:
         """Fit to residuals, as a study does, with the a-priori values of a trial's seed."""
         linear, parameters = self.problem.of(residual_m), self.parameters
         if self.drawn_prior_sigmas is not None:
-            drawn = self.problem.x + drawn_prior_errors(self.drawn_prior_sigmas, seed)
-            values = np.where(self.drawn_prior_sigmas > 0.0, drawn, parameters.prior_values)
+            values, sigmas = parameters.prior_values.copy(), self.drawn_prior_sigmas
+            drawn = self.problem.x[: len(sigmas)] + drawn_prior_errors(sigmas, seed)
+            values[: len(sigmas)] = np.where(sigmas > 0.0, drawn, values[: len(sigmas)])
             parameters = ParameterSet(
                 [replace(item, prior_value=float(x)) for item, x in zip(parameters, values, strict=True)]
             )
@@ -113,7 +117,7 @@ class LinearTrials:
         """Return trials of a seed, shape (trials, arcs, columns); each is the same whatever others are run with it."""
         seeds = [trial_seed(seed, trial) for trial in trials]
         noise_m, _ = self.draws.draw(seeds)
-        count = len(self.arcs[0].compared.offset_m)
+        count = sum(len(item.offset_m) for item in self.arcs[0].compared)
         out = np.full((len(seeds), len(self.arcs), count, len(self.columns)), np.nan)
         drawn = [self.drawn.draw(one) for one in seeds]
         residual_m = self.constant_m + noise_m[:, self.rows]
@@ -127,31 +131,39 @@ class LinearTrials:
         return out.reshape(len(seeds), -1, len(self.columns))
 
     def _rows(self, arc: LinearArc, found: EditedFit, errors: _Floats) -> list[_Floats]:
-        fit, compared = found.fit, arc.compared
-        count = compared.by_parameters.shape[-1]
+        fit, count = found.fit, arc.compared[0].by_parameters.shape[-1]
         covariance = estimated_covariance(found, arc.order)[0][:count, :count]
         moved = moved_by(fit, lambda rows: arc.suboptimal_m[rows], arc.suboptimal_m.shape[1])[:count]
         x, sigmas = fit.x[:count], np.sqrt(np.diag(covariance + moved @ moved.T))
-        moved_m = compared.by_parameters @ (x - arc.problem.x[:count])
         doubts = list(misfits(found, arc.noise.sigma_m, arc.order.types))
-        if arc.height_m is not None:
-            doubts += height_doubts(arc.height_m + moved_m[0, 2])
-        errors_m = moved_m - compared.offset_m - compared.by_drawn @ errors
-        by = compared.by_parameters
-        considered_m = by @ moved + compared.by_considered
-        covariances_m2 = by @ covariance @ np.swapaxes(by, 1, 2) + compared.added_m2
-        covariances_m2 += considered_m @ np.swapaxes(considered_m, 1, 2)
-        known = np.trace(covariances_m2[0, :3, :3]) <= WIDEST_M**2
-        return rows_of(
-            self.columns,
-            errors_m,
-            covariances_m2,
-            (found.converged and not doubts and known, fit.used.sum(), (~fit.used).sum()),
-            fit.noise_scale,
-            found.additive_sigma_m,
-            {p.name: (x[j], sigmas[j]) for j, p in enumerate(arc.parameters.parameters[:count])},
-            true_values(self.errors, self.drawn.by_name(errors)),
-        )
+        results, determined = list[tuple[_Floats, _Floats]](), True
+        for compared in arc.compared:
+            by = compared.by_parameters
+            moved_m = by @ (x - arc.problem.x[:count])
+            if compared.height_m is not None:
+                doubts += height_doubts(compared.height_m + moved_m[0, 2])
+            considered_m = by @ moved + compared.by_considered
+            covariances_m2 = by @ covariance @ np.swapaxes(by, 1, 2) + compared.added_m2
+            covariances_m2 += considered_m @ np.swapaxes(considered_m, 1, 2)
+            determined &= bool(np.trace(covariances_m2[0, :3, :3]) <= WIDEST_M**2)
+            results.append((moved_m - compared.offset_m - compared.by_drawn @ errors, covariances_m2))
+        outcome = (found.converged and not doubts and determined, fit.used.sum(), (~fit.used).sum())
+        parameters = {p.name: (x[j], sigmas[j]) for j, p in enumerate(arc.parameters.parameters[:count])}
+        truth = true_values(self.errors, self.drawn.by_name(errors))
+        return [
+            row
+            for compared, result in zip(arc.compared, results, strict=True)
+            for row in rows_of(
+                self.columns,
+                compared.axes,
+                *result,
+                outcome,
+                fit.noise_scale,
+                found.additive_sigma_m,
+                parameters,
+                truth,
+            )
+        ]
 
 
 def trial_seed(seed: int, trial: int) -> int:
@@ -161,11 +173,8 @@ def trial_seed(seed: int, trial: int) -> int:
 
 
 def drawn_prior_errors(sigmas: _Floats, seed: int) -> _Floats:
-    """Draw the errors of a-priori values in a trial, the first of which are those of the position."""
-    generator = np.random.default_rng([seed, _OF_PRIORS])
-    errors = np.zeros_like(sigmas)
-    errors[:3] = sigmas[:3] * generator.standard_normal(3)
-    return errors
+    """Draw the errors of the a-priori positions in a trial."""
+    return sigmas * np.random.default_rng([seed, _OF_PRIORS]).standard_normal(len(sigmas))
 
 
 def true_values(fixed: dict[str, float], drawn: dict[str, float]) -> dict[str, float]:
@@ -175,6 +184,7 @@ def true_values(fixed: dict[str, float], drawn: dict[str, float]) -> dict[str, f
 
 def rows_of(
     columns: Sequence[str],
+    axes: Sequence[str],
     errors_m: _Floats,
     covariances_m2: _Floats,
     outcome: tuple[float, float, float],
@@ -189,7 +199,7 @@ def rows_of(
         # A bias of a pass is the station's.
         error = value - true.get(name, true.get(name.rpartition(" ")[0], 0.0))
         known |= {name: value, f"{name}.sigma": sigma, f"{name}.error": error}
-    names, rows = base_columns(sides_of(columns)), []
+    names, rows = base_columns(axes), []
     for error_m, covariance_m2 in zip(errors_m, covariances_m2, strict=True):
         sigma_m = np.sqrt(np.diag(covariance_m2))[:3]
         correlation, nees = np.nan, dict.fromkeys((2, 3, len(error_m)), np.nan)

@@ -11,6 +11,7 @@ import json
 import logging
 from collections.abc import Iterable, Sequence
 from contextlib import AbstractContextManager, nullcontext
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -28,7 +29,7 @@ from radioloc.jobs.simulate import scenario_of
 from radioloc.jobs.workers import Run, workers_of
 from radioloc.progress import progress_bar
 from radioloc.report.files import earlier_files, made_folder, remove_files, write_json
-from radioloc.results.monte_carlo import LinearityCheck, MonteCarlo, sides_of
+from radioloc.results.monte_carlo import LinearityCheck, MonteCarlo
 from radioloc.results.registry import RESULTS
 from radioloc.simulation.noise import generator, require_seed
 from radioloc.study.record import settings_of, versions
@@ -148,18 +149,8 @@ def monte_carlo(
                 )
         if linear is None:
             values = results(ready)
-    return MonteCarlo(
-        name=study.name,
-        seed=int(seed),
-        hours=ready.hours,
-        span_h=ready.span_h,
-        columns=ready.columns,
-        values=values,
-        linear=linear is not None,
-        linearity=check,
-        drawn=ready.world.scenario.truth_sigma.keys,
-        at_h=ready.at_h,
-    )
+    first, *others = ready.results(values, seed=int(seed), linear=linear is not None, linearity=check)
+    return replace(first, others=tuple(others))
 
 
 def _run_trials(
@@ -192,28 +183,25 @@ def _check_linearity(linear: LinearTrials, full: Prepared, seed: int, values: _F
 
     Without it trials of a model that is not linear are taken as they are (`tests/unit/jobs/test_monte_carlo.py`).
     """
-    columns = {name: k for k, name in enumerate(linear.columns)}
-    sides = sides_of(linear.columns)
-    enu = [columns[f"{side}_m"] for side in sides]
-    sigmas = [columns[f"sigma_{side}_m"] for side in sides]
-    distance_m = np.linalg.norm(values[..., enu], axis=-1)
-    farthest = [int(np.argmax(distance_m[:, k])) for k in {0, distance_m.shape[1] - 1}]
+    by_linear = full.results(values, seed=seed, linear=True, linearity=None)
+    farthest = []
+    for result in by_linear:
+        distance_m = np.linalg.norm(result.errors_m, axis=-1)
+        farthest += [int(np.argmax(distance_m[:, k])) for k in {0, distance_m.shape[1] - 1}]
     random = generator(seed, "trials to prove the linear model with")
     some = random.choice(len(values), min(_RANDOM_PROOFS, len(values)), replace=False).tolist()
     chosen = tuple(dict.fromkeys([*farthest, *some]))
-    known = full.run(seed, chosen)
-    one = values[list(chosen)]
-    apart_m = np.abs(one[..., enu] - known[..., enu])
-    sigma_m = known[..., sigmas]
-    in_sigmas = apart_m / sigma_m
-    of_sigmas = np.abs(one[..., sigmas] / sigma_m - 1.0)
-    passed = (apart_m <= np.maximum(_ALLOWED_M, _ALLOWED_SIGMAS * sigma_m)) & (
-        of_sigmas <= _ALLOWED_OF_SIGMAS
-    )
-    passed &= (one[..., columns["converged"]] == known[..., columns["converged"]])[..., None]
-    return LinearityCheck(
-        chosen, float(apart_m.max()), float(max(in_sigmas.max(), of_sigmas.max())), bool(passed.all())
-    )
+    by_fits = full.results(full.run(seed, chosen), seed=seed, linear=False, linearity=None)
+    largest_m, largest_sigmas, passed = 0.0, 0.0, True
+    for result, fits in zip(by_linear, by_fits, strict=True):
+        apart_m, sigma_m = np.abs(result.errors_m[list(chosen)] - fits.errors_m), fits.sigmas_m
+        of_sigmas = np.abs(result.sigmas_m[list(chosen)] / sigma_m - 1.0)
+        allowed_m = np.maximum(_ALLOWED_M, _ALLOWED_SIGMAS * sigma_m)
+        passed &= bool(((apart_m <= allowed_m) & (of_sigmas <= _ALLOWED_OF_SIGMAS)).all())
+        passed &= bool((result["converged"][list(chosen)] == fits["converged"]).all())
+        largest_m = max(largest_m, float(apart_m.max()))
+        largest_sigmas = max(largest_sigmas, float((apart_m / sigma_m).max()), float(of_sigmas.max()))
+    return LinearityCheck(chosen, largest_m, largest_sigmas, passed)
 
 
 def _locked(folder: str | Path) -> AbstractContextManager[None]:

@@ -120,11 +120,8 @@ def scene_of(
     """Return the scene of a study; arguments replace its stations, span and masks, as in :func:`visibility`."""
     study = as_study(study)
     model = model_of(study)
-    scenarios = study.simulations or (
-        {} if study.simulation is None else {study.simulation.name: study.simulation}
-    )
-    if scenarios:
-        names, first, last, masks = _planned([scenario.schedule for scenario in scenarios.values()])
+    if study.simulation is not None:
+        names, first, last, masks = _planned(study)
     elif stations and start_utc and stop_utc:
         names, first, last, masks = [], "", "", Masks()
     else:
@@ -132,8 +129,8 @@ def scene_of(
     places: dict[str, LunarPosition | AnyTrajectory | StateAndForces] = {
         name or "lander": place for name, place in study.all_targets.items()
     }
-    if scenarios:
-        places = {name: scenario.position for name, scenario in scenarios.items()}
+    if study.simulation is not None:
+        places = study.simulation.targets
     start_utc, stop_utc = start_utc or first, stop_utc or last
     targets: dict[str, Target] = {}
     for name, place in places.items():
@@ -155,14 +152,15 @@ def scene_of(
     )
 
 
-def _planned(schedules: Sequence[Schedule]) -> tuple[list[str], str, str, Masks]:
-    """Return stations, span and masks of schedules with the same masks."""
-    sessions = [session for schedule in schedules for session in schedule.sessions]
-    names = [name for session in sessions for pair in session.pairs for name in pair if name]
-    limits = [(session.start_utc, session.stop_utc) for session in sessions]
+def _planned(study: Study) -> tuple[list[str], str, str, Masks]:
+    """Return stations, span and masks of a schedule."""
+    assert study.simulation is not None
+    schedule = study.simulation.schedule
+    names = [name for session in schedule.sessions for pair in session.pairs for name in pair if name]
+    limits = [(session.start_utc, session.stop_utc) for session in schedule.sessions]
     order = [epochs_from_strings(list(dates), "UTC").mjd for dates in zip(*limits, strict=True)]
     first, last = limits[int(np.argmin(order[0]))][0], limits[int(np.argmax(order[1]))][1]
-    return names, first, last, schedules[0].masks
+    return names, first, last, schedule.masks
 
 
 def _observed(study: Study) -> tuple[list[str], str, str, Masks]:

@@ -58,25 +58,27 @@ def arc_of(study: Study | str | Path, observations: Observations | None = None) 
 
 @on_one_blas_thread()
 def prepared_arc(
-    study: Study, observations: Observations | None = None, orbit: AdjustableOrbit | None = None
+    study: Study,
+    observations: Observations | None = None,
+    orbits: Mapping[str, AdjustableOrbit] | None = None,
 ) -> tuple[Predictor, dict[str, int]]:
     """Return the prepared arc of a study, and the number of observations that were not asked for, by reason.
 
-    The a-priori orbit of the only orbiter over all of them may be given, which then is not integrated anew.
+    The a-priori `orbits` of targets over all of them, by name, are not integrated anew.
     """
     model = model_of(study)
     constants = model.ephemeris.constants
     start = apriori_points(study, model)
     known_positions(study, constants)  # one in a wrong frame is to be told before the work, not after it
     chosen, left_out = chosen_observations(study, observations, model)
-    arc = _arc(study, model, chosen, start, orbit)
+    arc = _arc(study, model, chosen, start, orbits or {})
     logger.info("prepared the model for %d observations by %s", len(chosen), ", ".join(arc.stations))
     _require_tracked(study, arc)
     return arc, left_out
 
 
 def planned_arc(
-    study: Study, planned: Observations, model: PhysicalModel, orbit: AdjustableOrbit | None
+    study: Study, planned: Observations, model: PhysicalModel, orbits: Mapping[str, AdjustableOrbit]
 ) -> tuple[Predictor, dict[str, int], NDArray[np.intp]]:
     """Return :func:`prepared_arc` of the planned observations that a study asks for, and their rows in the plan."""
     if study.observations.doppler_average_s is not None:
@@ -84,12 +86,12 @@ def planned_arc(
             "[observations] doppler_average_s is of files; a schedule plans counts as they are used: leave it out "
             "and give count_s in the sessions"
         )
-    rows = np.flatnonzero(
-        selected(planned, study.observations, study.catalogue, sources=model.sources, name=study.target_name)[
-            0
-        ]
+    places = study.targets if len(study.targets) > 1 else ()
+    mask, _ = selected(
+        planned, study.observations, study.catalogue, places, model.sources, name=study.target_name
     )
-    return *prepared_arc(study, planned.select(rows), orbit), rows
+    rows = np.flatnonzero(mask)
+    return *prepared_arc(study, planned.select(rows), orbits), rows
 
 
 def _require_tracked(study: Study, arc: Predictor) -> None:
@@ -149,7 +151,7 @@ def chosen_observations(
     """Return the observations of a study, and the number of others by reason; errors as :func:`radioloc.locate`."""
     study.observations.require_transmitters()
     if observations is None:
-        if (study.simulation is not None or study.simulations) and not study.observations.files:
+        if study.simulation is not None and not study.observations.files:
             raise InputError(
                 f"{study.name}: the study has no observations, only a simulation; use `radioloc montecarlo`, or "
                 "`radioloc simulate` to make a file of observations and name it as [observations] files"
@@ -198,10 +200,10 @@ def _arc(
     model: PhysicalModel,
     observations: Observations,
     points: Motions,
-    given: AdjustableOrbit | None,
+    orbits: Mapping[str, AdjustableOrbit],
 ) -> Predictor:
     names = study.names_in_order
-    motions = (*points, *(_spacecraft(study, name, model, observations, given) for name in _flying(study)))
+    motions = (*points, *(_spacecraft(study, name, model, observations, orbits) for name in _flying(study)))
     start = tuple(map(_coarse, motions))
     kinds = (*study.estimate.parameters, *study.consider)
     more = study.consider_defaults or any(PARAMETERS[kind].more_partials for kind in kinds)
@@ -237,13 +239,17 @@ def _flying(study: Study) -> tuple[str, ...]:
 
 
 def _spacecraft(
-    study: Study, name: str, model: PhysicalModel, observations: Observations, given: AdjustableOrbit | None
+    study: Study,
+    name: str,
+    model: PhysicalModel,
+    observations: Observations,
+    orbits: Mapping[str, AdjustableOrbit],
 ) -> TargetMotion:
     """Return the a-priori motion of a spacecraft over its observations."""
     if name in study.trajectories:
         return TrajectoryMotion(study.trajectories[name])
-    if given is not None:
-        return OrbitMotion(given)
+    if name in orbits:
+        return OrbitMotion(orbits[name])
     assert study.estimate.orbit is not None  # the study has seen to that
     orbiter = study.orbiters[name]
     if len(study.targets) > 1:

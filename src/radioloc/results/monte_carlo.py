@@ -138,6 +138,8 @@ class MonteCarlo(Result):
     at_h : tuple of float
         Epochs, from the state's epoch, at which an orbit is compared with the truth, for each of `hours`: the state's
         epoch, the middle and the end of the tracking. Empty for a place.
+    others : tuple of MonteCarlo
+        Results of further targets in the same trials.
     """
 
     name: str
@@ -150,6 +152,7 @@ class MonteCarlo(Result):
     linearity: LinearityCheck | None
     drawn: tuple[str, ...]
     at_h: tuple[float, ...] = ()
+    others: tuple[MonteCarlo, ...] = ()
 
     def __getitem__(self, column: str) -> Floats:
         """Return a column of all trials and arcs, shape (trials, arcs).
@@ -264,6 +267,7 @@ class MonteCarlo(Result):
                 {"hours": hours, "converged": 0} if arc is None else asdict(arc)
                 for hours, arc in zip(self.hours, self.arcs, strict=True)
             ],
+            **({"others": [other.to_dict() for other in self.others]} if self.others else {}),
         }
 
     def columns_of_trials(self) -> dict[str, NDArray[Any]]:
@@ -290,8 +294,9 @@ class MonteCarlo(Result):
         return as_table(columns, form, units)
 
     def files(self) -> Mapping[str, Content]:
-        """Return the statistics, and a table with a row for each trial and arc."""
-        return {"montecarlo.json": self.to_dict(), "trials.csv": Table(self.columns_of_trials())}
+        """Return the statistics, and for each target a table with a row for each trial and arc."""
+        others = {f"trials_{k}.csv": Table(one.columns_of_trials()) for k, one in enumerate(self.others, 2)}
+        return {"montecarlo.json": self.to_dict(), "trials.csv": Table(self.columns_of_trials()), **others}
 
     def card(self) -> Card:
         """Return the card of the study."""
@@ -304,6 +309,7 @@ class MonteCarlo(Result):
                 Field("axes", (_ORBIT_AXES,) if self.at_h else ()),
                 *(_tables(arcs) if arcs else ()),
                 Field("notes", (note for arc in arcs for note in _notes(arc))),
+                *(field for other in self.others for field in other.card().fields),
             )
         )
 

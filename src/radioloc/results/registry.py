@@ -37,13 +37,16 @@ RESULTS = Registry(
         ),
         ResultType("comparison", Comparison, ("comparison",), ("comparison.json", *POSITION_FILES)),
         ResultType(
-            "monte_carlo", MonteCarlo, ("trials", "error_by_length"), ("montecarlo.json", "trials.csv")
+            "monte_carlo",
+            MonteCarlo,
+            ("trials", "error_by_length"),
+            ("montecarlo.json", "trials.csv", "trials_[0-9]*.csv"),
         ),
         ResultType(
             "covariance",
             CovarianceStudy,
             ("covariance", "covariance_on_arc"),
-            ("covariance.json", "covariance.csv"),
+            ("covariance.json", "covariance.csv", "covariance_[0-9]*.csv"),
         ),
         ResultType("leave_one_out", LeaveOneOut, (), ("leave_one_out.json", "leave_one_out.csv")),
     ),

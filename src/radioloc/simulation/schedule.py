@@ -7,7 +7,7 @@ same), an empty name and the receiver, or the first and the second station of a 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations
 
@@ -118,10 +118,14 @@ class Session:
     uplink_hz: float = math.nan  # frequency of the uplink; NaN if it has no effect
     wavelength_um: float = math.nan  # wavelength of the downlink, micrometres; NaN if it has no effect
     source: str = ""  # a quasar of the model in place of the target
+    targets: tuple[str, ...] = ()  # those of several targets that are tracked; all by default
 
     def __post_init__(self) -> None:
         convert_fields(self)
         object.__setattr__(self, "pairs", tuple(self.pairs))
+        object.__setattr__(
+            self, "targets", (self.targets,) if isinstance(self.targets, str) else tuple(self.targets)
+        )
         if self.kind not in KINDS:
             raise InputError(f"kind: expected one of {', '.join(KINDS)}, got {self.kind!r}")
         if self.time_tag not in TIME_TAGS:
@@ -132,6 +136,10 @@ class Session:
             raise InputError(f"kind: expected a measurement of one target, got {self.kind!r}")
         if self.baseline and any(first == second for first, second in self.pairs):
             raise InputError("pairs: expected two different stations of a baseline")
+        if self.source and self.targets:
+            raise InputError(
+                f"source: expected none with targets {', '.join(self.targets)}, got {self.source!r}"
+            )
         if self.source and not self.baseline:
             raise InputError(f"source: expected a kind of delay of baselines, got {self.kind!r}")
         for name in ("step_s", "sigma_m"):
@@ -187,25 +195,30 @@ class Schedule:
         return limits[[int(limits.mjd.argmin()), int(limits.mjd.argmax())]]
 
     @accepts_quantities
-    def plan(self, model: PhysicalModel, target_pa_m: Target, target: str = "lander") -> Plan:
-        """Return the observations at which the target is visible.
+    def plan(
+        self, model: PhysicalModel, target_pa_m: Target | Mapping[str, Target], target: str = "lander"
+    ) -> Plan:
+        """Return the observations at which the target, or each of several by name, is visible.
 
         A link is measured while the target is visible from its stations, from the transmission of the first signal of
-        the measurement to the reception of its last. `target` is its name in the observations. Errors are those of
-        :func:`radioloc.simulation.visibility.elevations`, and that of a schedule without visible target.
+        the measurement to the reception of its last. `target` is the name of a single one in the observations. Errors
+        are those of :func:`radioloc.simulation.visibility.elevations`, and that of a schedule without visible target.
         """
         if not self.sessions:
             raise InputError("a schedule needs at least one session")
-        rows = [self._rows(session, model, target_pa_m, target) for session in self.sessions]
+        targets = target_pa_m if isinstance(target_pa_m, Mapping) else {target: target_pa_m}
+        cases = [(k, *case) for k, one in enumerate(self.sessions) for case in _tracked(one, model, targets)]
+        rows = [self._rows(self.sessions[k], model, place, name) for k, name, place in cases]
         observations = Observations.concatenate([part for part, _, _ in rows])
         if len(observations) == 0:
             raise InputError(
                 "the target is below the horizon or a mask for all links and epochs; `radioloc visibility --start "
                 "... --stop ...` lists passes; change times, stations or masks"
             )
-        session = np.repeat(np.arange(len(rows)), [len(part) for part, _, _ in rows])
+        case = np.repeat(np.arange(len(rows)), [len(part) for part, _, _ in rows])
+        session = np.array([k for k, _, _ in cases])[case]
         slot, pair = (np.concatenate([part[k] for part in rows]) for k in (1, 2))
-        order = np.lexsort((pair, session, observations.epoch.fraction, observations.epoch.jd))
+        order = np.lexsort((pair, case, observations.epoch.fraction, observations.epoch.jd))
         observations = observations.select(order)
         _refuse_overlaps(observations)
         return Plan(observations, tuple(self.sessions), session[order], slot[order])
@@ -215,13 +228,6 @@ class Schedule:
     ) -> tuple[Observations, NDArray[np.int64], NDArray[np.int64]]:
         """Return the visible part of a session, with the index of the epoch and of the pair of each observation."""
         utc, catalogue = session.epochs(), model.catalogue
-        if session.source:
-            target = canonical_target(session.source)
-            if target not in model.sources:
-                raise InputError(
-                    f"source: {session.source!r} is missing in the lists of [model] sources; add a list"
-                )
-            target_pa_m = AtInfinity(model.sources[target])
         links = [
             Link(first and catalogue.get(first).name, target, catalogue.get(second).name, session.baseline)
             for first, second in session.pairs
@@ -258,6 +264,24 @@ class Schedule:
             wavelength_um=session.wavelength_um,
         )
         return part, slot, pair
+
+
+def _tracked(
+    session: Session, model: PhysicalModel, targets: Mapping[str, Target]
+) -> list[tuple[str, Target | AtInfinity]]:
+    """Return the names and places of what a session tracks."""
+    if session.source:
+        name = canonical_target(session.source)
+        if name not in model.sources:
+            raise InputError(
+                f"source: {session.source!r} is missing in the lists of [model] sources; add a list"
+            )
+        return [(name, AtInfinity(model.sources[name]))]
+    places = {canonical_target(name): (name, place) for name, place in targets.items()}
+    for name in session.targets:
+        if canonical_target(name) not in places:
+            raise InputError(f"session targets: expected names of {', '.join(targets)}, got {name!r}")
+    return [places[canonical_target(name)] for name in session.targets or targets]
 
 
 def _refuse_overlaps(observations: Observations) -> None:

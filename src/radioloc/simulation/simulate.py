@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, Protocol
 
@@ -20,18 +20,18 @@ from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.predictor import Prediction, Predictor, blocks, reasons
 from radioloc.measurements.registry import KINDS
-from radioloc.measurements.target_motion import FixedPoint
+from radioloc.measurements.target_motion import OrbitMotion, TargetMotion
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.simulation.noise import NoiseModel, generator, require_seed
 from radioloc.simulation.schedule import Plan, Schedule
 from radioloc.simulation.truth import (
     GRAVITY_ERROR,
     DrawnErrors,
+    TrueTarget,
     Truth,
     TruthSigma,
     drawn_errors,
     fixed_errors,
-    position_error_m,
 )
 from radioloc.time import Epochs, epochs_from_strings, utc_strings
 from radioloc.vectors import Floats
@@ -42,8 +42,7 @@ class Simulated:
     """Observations of a simulated world; arrays are of shape (n,), m."""
 
     observations: Observations  # with all errors; sigmas of the schedule
-    # True position, principal axes, shape (3,); of a spacecraft the offset from its trajectory, zeros.
-    target_pa_m: Floats
+    targets: tuple[TrueTarget, ...]  # with the drawn errors of their positions
     truth: Truth
     noise: NoiseModel
     seed: int
@@ -53,7 +52,16 @@ class Simulated:
     drawn_m: Floats  # their effects
     noise_m: Floats
     is_outlier: NDArray[np.bool_]
-    trajectory: AnyTrajectory | None = None  # true trajectory of a spacecraft
+
+    @property
+    def target_pa_m(self) -> Floats:
+        """True position of the first target, principal axes, m, shape (3,); zeros of a spacecraft."""
+        return self.targets[0].position_pa_m
+
+    @property
+    def trajectory(self) -> AnyTrajectory | None:
+        """True trajectory of the first target, if it is a spacecraft."""
+        return self.targets[0].trajectory
 
     def __repr__(self) -> str:
         first, last = self.observations.span().day_strings()
@@ -64,13 +72,10 @@ class Simulated:
 
     def summary(self) -> str:
         """Return a text about the observations and their errors, for people and for the head of a file."""
-        x, y, z = self.target_pa_m.tolist()
-        position = f"true position, principal axes, m: {x:.4f} {y:.4f} {z:.4f}"
         lines = [
             "simulated observations",
             self.observations.summary(),
-            position if self.trajectory is None else f"true trajectory: {self.trajectory}",
-            *(_orbit_lines(self.trajectory) if isinstance(self.trajectory, Orbit) else ()),
+            *(line for target in self.targets for line in _described(target, len(self.targets) > 1)),
             f"seed {self.seed}, {int(self.is_outlier.sum())} outlier(s)",
             *(f"{name}: {_text(value)}" for name, value in _differences(self.truth)),
             *(f"drawn {name}: {_text(value)}" for name, value in _by_kind(self.drawn).items()),
@@ -91,17 +96,19 @@ class World:
 
     scenario: Scenario
     plan: Plan
-    target_pa_m: Floats  # this and the following two as in Simulated
-    error_free_m: Floats
+    targets: tuple[TrueTarget, ...]
+    error_free_m: Floats  # this and the following as in Simulated
     added_m: dict[str, Floats]
     errors: dict[str, float]  # errors of the truth by parameter, such as "range_bias.KASHI"
-    trajectory: AnyTrajectory | None
     drawn: DrawnErrors  # errors of the trials of a Monte Carlo study
-    enu_pa: Floats  # east, north and up at the target, in principal axes, as rows, shape (3, 3)
-    orbit_with_errors: AdjustableOrbit | None = None  # orbit with the drawn errors of gravity
 
     def __repr__(self) -> str:
         return f"<World {len(self.plan.observations)} observations of {self.scenario.name}>"
+
+    @property
+    def target_pa_m(self) -> Floats:
+        """True position of the first target, principal axes, m, shape (3,); zeros of a spacecraft."""
+        return self.targets[0].position_pa_m
 
     @property
     def value_m(self) -> Floats:
@@ -126,7 +133,7 @@ class World:
         value_m.flags.writeable = False
         return Simulated(
             observations=replace(self.plan.observations, value_m=value_m),
-            target_pa_m=self.target_pa_m + position_error_m(drawn) @ self.enu_pa,
+            targets=tuple(target.displaced(drawn) for target in self.targets),
             truth=scenario.truth,
             noise=noise,
             seed=seed,
@@ -136,7 +143,6 @@ class World:
             drawn_m=drawn_m,
             noise_m=noise_m,
             is_outlier=is_outlier,
-            trajectory=self.trajectory,
         )
 
 
@@ -160,85 +166,79 @@ class StateAndForces(Protocol):
         ...
 
 
+TargetRecord = LunarPosition | AnyTrajectory | StateAndForces
+"""Description of a target's true position or motion."""
+
+
 @dataclass(frozen=True, slots=True)
 class Scenario:
     """Simulation apart from the nominal model, with which the observations would be fitted."""
 
     schedule: Schedule
-    # True position or trajectory.
-    position: LunarPosition | AnyTrajectory | StateAndForces
+    # True position, trajectory or orbit of the target, or of several by name.
+    position: TargetRecord | Mapping[str, TargetRecord]
     truth: Truth = field(default_factory=Truth)  # differences of the world from the nominal model
     noise: NoiseModel = field(default_factory=NoiseModel)  # random errors
     # Errors about those of the truth, drawn anew in every trial.
     truth_sigma: TruthSigma = field(default_factory=TruthSigma)
     seed: int = 0  # whole number from zero up; the same seed gives the same errors
-    name: str = "lander"  # name of the target in the observations
+    name: str = "lander"  # name of a single target in the observations
 
     def __post_init__(self) -> None:
         require_seed(self.seed)
 
     @property
-    def place(self) -> LunarPosition | None:
-        """True position of a point on the Moon."""
-        return self.position if isinstance(self.position, LunarPosition) else None
-
-    @property
-    def trajectory(self) -> AnyTrajectory | None:
-        """True trajectory of a spacecraft on a given trajectory."""
-        return self.position if isinstance(self.position, AnyTrajectory) else None
-
-    @property
-    def flight(self) -> StateAndForces | None:
-        """True state and forces of an orbiter."""
-        fixed = self.place is not None or self.trajectory is not None
-        return None if fixed else self.position  # type: ignore[return-value]
+    def targets(self) -> dict[str, TargetRecord]:
+        """True positions, trajectories and orbits by name."""
+        if isinstance(self.position, Mapping):
+            return dict(self.position)
+        return {self.name: self.position}
 
     def world(self, model: PhysicalModel) -> World:
         """Compute the world without noise, for a nominal model; errors are those of :func:`simulate`."""
-        trajectory, orbit_with_errors = self._trajectory(model)
-        target_pa_m, enu_pa = np.zeros(3), np.eye(3)
-        if self.place is not None:
-            target_pa_m = self.place.to_axes("PA", model.ephemeris.constants).xyz_m
-            enu_pa = rot_pa_to_enu(target_pa_m, rot_pa_to_me(model.ephemeris.constants))
-        plan = self.schedule.plan(model, target_pa_m if trajectory is None else trajectory, self.name)
+        targets = tuple(self._target(name, record, model) for name, record in self.targets.items())
+        pointed_at = {
+            item.name: item.position_pa_m if item.trajectory is None else item.trajectory for item in targets
+        }
+        plan = self.schedule.plan(model, pointed_at)
+        kinds = (*self.truth.values, *self.truth_sigma.sigmas)
+        motions = [item.motion for item in targets]
         predictor = prepare_predictor(
             self.truth.model(model),
             plan.observations,
-            FixedPoint(target_pa_m) if trajectory is None else trajectory,
-            more_partials=any(
-                PARAMETERS[name].more_partials for name in (*self.truth.values, *self.truth_sigma.sigmas)
-            ),
+            motions,
+            targets=tuple(pointed_at) if len(targets) > 1 else (),
+            more_partials=any(PARAMETERS[name].more_partials for name in kinds),
         )
         prediction = predictor.at()
         _require_usable(predictor, prediction)
         starts = [session.start_utc for session in self.schedule.sessions]
         start = min(starts, key=lambda date: epochs_from_strings(date, "UTC").mjd[0])
-        added_m, errors = fixed_errors(self.truth, predictor, prediction, target_pa_m, start)
-        drawn = drawn_errors(self.truth_sigma, predictor, prediction, target_pa_m, enu_pa, start)
-        if orbit_with_errors is not None:
-            drawn = drawn.with_gravity(predictor.compute(orbit_with_errors).by_motion)
-        return World(
-            self,
-            plan,
-            target_pa_m,
-            prediction.value_m,
-            added_m,
-            errors,
-            trajectory,
-            drawn,
-            enu_pa,
-            orbit_with_errors,
-        )
+        added_m, errors = fixed_errors(self.truth, predictor, prediction, targets, start)
+        drawn = drawn_errors(self.truth_sigma, predictor, prediction, targets, start)
+        # One set of drawn fields acts on all orbits.
+        effects_m = [
+            _gravity_effects_m(predictor, motions, k, item.with_gravity_errors)
+            for k, item in enumerate(targets)
+            if item.with_gravity_errors is not None
+        ]
+        if effects_m:
+            drawn = drawn.with_gravity(np.sum(effects_m, axis=0))
+        return World(self, plan, targets, prediction.value_m, added_m, errors, drawn)
 
-    def _trajectory(self, model: PhysicalModel) -> tuple[AnyTrajectory | None, AdjustableOrbit | None]:
-        """Return the true trajectory of a spacecraft, and its orbit with the drawn errors of gravity."""
-        if self.flight is None:
-            return self.trajectory, None
-        orbit = self.orbit(model, self.flight)
+    def _target(self, name: str, record: TargetRecord, model: PhysicalModel) -> TrueTarget:
+        """Return a target at its true position, or on its true trajectory, with the drawn errors of gravity."""
+        position_name = f"position.{name}" if len(self.targets) > 1 else "position"
+        if isinstance(record, LunarPosition):
+            position_pa_m = record.to_axes("PA", model.ephemeris.constants).xyz_m
+            enu_pa = rot_pa_to_enu(position_pa_m, rot_pa_to_me(model.ephemeris.constants))
+            return TrueTarget(name, position_pa_m, enu_pa, position_name=position_name)
+        if isinstance(record, AnyTrajectory):
+            return TrueTarget(name, np.zeros(3), np.eye(3), record)
+        orbit = self.orbit(model, record)
         random = generator(self.seed, GRAVITY_ERROR)
-        return orbit.nearest(), self.flight.with_gravity_errors(
-            orbit, self.truth_sigma.gravity_errors, random
-        )
+        disturbed = record.with_gravity_errors(orbit, self.truth_sigma.gravity_errors, random)
+        return TrueTarget(name, np.zeros(3), np.eye(3), orbit.nearest(), disturbed)
 
     def orbit(
         self, model: PhysicalModel, target: StateAndForces, parameters: tuple[str, ...] = ()
@@ -250,7 +250,7 @@ class Scenario:
 
 def simulate(
     schedule: Schedule,
-    target: LunarPosition | AnyTrajectory | StateAndForces,
+    target: TargetRecord | Mapping[str, TargetRecord],
     truth: Truth | None = None,
     noise: NoiseModel | None = None,
     *,
@@ -258,7 +258,7 @@ def simulate(
     seed: int = 0,
     name: str = "lander",
 ) -> Simulated:
-    """Simulate the tracking of a point on the Moon, or of a spacecraft, whose fields are those of :class:`Scenario`.
+    """Simulate the tracking of points on the Moon and of spacecraft; arguments are the fields of :class:`Scenario`.
 
     Raises
     ------
@@ -302,6 +302,28 @@ def _require_usable(predictor: Predictor, prediction: Prediction) -> None:
             f"{count} of {len(observations)} observations cannot be simulated; the first, a {kind} of {link}: "
             f"{problem}; raise the elevation mask, or switch the term off"
         )
+
+
+def _gravity_effects_m(
+    predictor: Predictor, motions: Sequence[TargetMotion], target: int, orbit: AdjustableOrbit
+) -> Floats:
+    """Return the effects of errors of gravity on the observations of a target, m, shape (n, k)."""
+    changed = [OrbitMotion(orbit) if k == target else motion for k, motion in enumerate(motions)]
+    by_motion = predictor.compute(changed).by_motion
+    # The motions of the others have three parameters each.
+    return by_motion[:, 3 * target : by_motion.shape[1] - 3 * (len(motions) - target - 1)]
+
+
+def _described(target: TrueTarget, several: bool) -> Iterator[str]:
+    """Yield texts of a target's true position or trajectory."""
+    of_target = f" of {target.name}" if several else ""
+    if target.trajectory is None:
+        x, y, z = target.position_pa_m.tolist()
+        yield f"true position{of_target}, principal axes, m: {x:.4f} {y:.4f} {z:.4f}"
+        return
+    yield f"true trajectory{of_target}: {target.trajectory}"
+    if isinstance(target.trajectory, Orbit):
+        yield from _orbit_lines(target.trajectory)
 
 
 def _orbit_lines(orbit: Orbit) -> tuple[str, ...]:

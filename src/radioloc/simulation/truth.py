@@ -7,16 +7,19 @@ order, by the design matrix; the rest is below 0.2 mm for errors up to the limit
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from radioloc.dynamics import AdjustableOrbit
+from radioloc.ephemeris.trajectory import AnyTrajectory
 from radioloc.errors import InputError
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.predictor import Prediction, Predictor, blocks
+from radioloc.measurements.target_motion import FixedPoint, TargetMotion, TrajectoryMotion
 from radioloc.measurements.terms import active_terms
 from radioloc.parameters.choice import ParameterChoice, chosen_parameters
 from radioloc.parameters.kind import Scope
@@ -25,6 +28,7 @@ from radioloc.parameters.registry import PARAMETERS
 from radioloc.quantities import accepts_quantities
 from radioloc.simulation.noise import generator
 from radioloc.targets.design import DesignMatrix, ObservationModel
+from radioloc.targets.orbit_state import EAST_NORTH_UP
 from radioloc.targets.surface_point import SurfacePoint, cartesian
 from radioloc.time import epochs_from_strings, utc_to_tai
 from radioloc.vectors import Floats
@@ -86,8 +90,8 @@ class TruthSigma:
     """Standard deviations of errors about the truth, drawn anew in every trial, by the keywords of :class:`Truth`."""
 
     sigmas: Mapping[str, ParameterChoice]
-    # Of the point about its nominal position, east, north and up (selenocentric): up is the error of a terrain map if
-    # the study has an a-priori height.
+    # Of each point about its nominal position, east, north and up (selenocentric): up is the error of a terrain map
+    # if the study has an a-priori height.
     position_enu_m: tuple[float, float, float]
     clock_epoch_utc: str | None
     # Number of drawn error fields that the gravity error of an orbiter's trial combines; zero for no gravity error.
@@ -154,18 +158,46 @@ class DrawnErrors:
         return dict(zip(self.names, errors.tolist(), strict=True))
 
 
-def position_error_m(drawn: Mapping[str, float]) -> Floats:
-    """Return the offset of the point from its nominal position, east, north and up, m, shape (3,)."""
-    return np.array([drawn.get(f"position.{axis}", 0.0) for axis in ("east", "north", "up")])
+@dataclass(frozen=True, slots=True, eq=False)
+class TrueTarget:
+    """A target of a simulated world."""
+
+    name: str  # in the observations
+    # True position, principal axes, shape (3,); of a spacecraft the offset from its trajectory, zeros.
+    position_pa_m: Floats
+    enu_pa: Floats  # east, north and up at the position, in principal axes, as rows, shape (3, 3)
+    trajectory: AnyTrajectory | None = None  # of a spacecraft
+    with_gravity_errors: AdjustableOrbit | None = None  # orbit with the drawn errors of gravity
+    position_name: str = "position"  # before the axes in the names of errors of the position
+
+    @property
+    def motion(self) -> TargetMotion:
+        """Motion without drawn errors."""
+        return (
+            FixedPoint(self.position_pa_m) if self.trajectory is None else TrajectoryMotion(self.trajectory)
+        )
+
+    @property
+    def position_errors(self) -> tuple[str, ...]:
+        """Names of the errors of the position."""
+        return tuple(f"{self.position_name}.{axis}" for axis in EAST_NORTH_UP)
+
+    def displaced(self, drawn: Mapping[str, float]) -> TrueTarget:
+        """Return the target at the position with drawn errors."""
+        offset_m = np.array([drawn.get(name, 0.0) for name in self.position_errors])
+        return replace(self, position_pa_m=self.position_pa_m + offset_m @ self.enu_pa)
 
 
 def fixed_errors(
-    truth: Truth, predictor: Predictor, at: Prediction, target_pa_m: Floats, start_utc: str
+    truth: Truth, predictor: Predictor, at: Prediction, targets: Sequence[TrueTarget], start_utc: str
 ) -> tuple[dict[str, Floats], dict[str, float]]:
     """Return effects of the truth on each observation, m, by kind of parameter, and its errors by parameter."""
     # Rates refer to `start_utc` if the truth has no epoch.
-    position = SurfacePoint("", *cartesian(target_pa_m, role=Role.FIXED))
-    design = _design(truth.values, predictor, at, position, truth.clock_epoch_utc or start_utc)
+    points = [
+        SurfacePoint("", *cartesian(item.position_pa_m, role=Role.FIXED, name=item.position_name))
+        for item in targets
+    ]
+    design = _design(truth.values, predictor, at, points, truth.clock_epoch_utc or start_utc)
     parameters = design.model.parameters
     added = {item.kind.name: np.zeros(len(predictor.observations)) for item in design.model.columns}
     if added:
@@ -181,17 +213,12 @@ def drawn_errors(
     sigma: TruthSigma,
     predictor: Predictor,
     at: Prediction,
-    target_pa_m: Floats,
-    enu_pa: Floats,
+    targets: Sequence[TrueTarget],
     start_utc: str,
 ) -> DrawnErrors:
-    """Return drawn errors with their partials at a position; rows of `enu_pa` are east, north and up there."""
-    parameters = [
-        Parameter(f"position.{axis}", "m", "position", size, role=Role.FIXED)
-        for axis, size in zip(("east", "north", "up"), sigma.position_enu_m, strict=True)
-    ]
-    position = SurfacePoint("", parameters, lambda _: (target_pa_m, enu_pa.T))
-    design = _design(sigma.sigmas, predictor, at, position, sigma.clock_epoch_utc or start_utc)
+    """Return drawn errors with their partials at the true positions."""
+    points = [_displaceable(item, sigma.position_enu_m) for item in targets]
+    design = _design(sigma.sigmas, predictor, at, points, sigma.clock_epoch_utc or start_utc)
     drawn = np.flatnonzero(design.x)
     partials = np.zeros((len(drawn), len(predictor.observations)))
     if len(drawn):
@@ -201,14 +228,24 @@ def drawn_errors(
     return DrawnErrors(tuple(names[k] for k in drawn), design.x[drawn], partials)
 
 
+def _displaceable(target: TrueTarget, sigma_enu_m: Sequence[float]) -> SurfacePoint:
+    """Return a target whose parameters are its errors east, north and up; those of a spacecraft are zero."""
+    sizes = sigma_enu_m if target.trajectory is None else (0.0, 0.0, 0.0)
+    parameters = [
+        Parameter(name, "m", "position", size, role=Role.FIXED)
+        for name, size in zip(target.position_errors, sizes, strict=True)
+    ]
+    return SurfacePoint("", parameters, lambda _: (target.position_pa_m, target.enu_pa.T))
+
+
 def _design(
     choices: Mapping[str, ParameterChoice],
     predictor: Predictor,
     at: Prediction,
-    position: SurfacePoint,
+    points: Sequence[SurfacePoint],
     epoch_utc: str,
 ) -> DesignMatrix:
-    """Return the design matrix of the position and of all parameters with a value, which is their error or sigma."""
+    """Return the design matrix of the positions and of all parameters with a value, which is their error or sigma."""
     simple = predictor.simple
     catalogue = predictor.model.catalogue
     kinds = []
@@ -222,7 +259,7 @@ def _design(
             kinds.append(chosen)
     # Rates contribute nothing at the epoch of the offsets.
     epoch = utc_to_tai(epochs_from_strings([epoch_utc], "UTC"))
-    model = replace(ObservationModel.of(predictor, [position], kinds), reference=epoch)
+    model = replace(ObservationModel.of(predictor, points, kinds), reference=epoch)
     x = model.parameters.prior_values
     return DesignMatrix(model, at, model.motions(x), x, predictor.observations.value_m)
 

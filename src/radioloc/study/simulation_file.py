@@ -7,18 +7,16 @@ from dataclasses import replace
 from typing import Any, TypeVar
 
 from radioloc.earth.stations import StationCatalogue
-from radioloc.ephemeris import Trajectory
-from radioloc.errors import InputError, StationError
-from radioloc.lunar.position import LunarPosition
-from radioloc.measurements.link import canonical_target
+from radioloc.errors import StationError
 from radioloc.measurements.registry import KINDS, MEASUREMENTS
 from radioloc.parameters.kind import Scope
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.simulation import Masks, Noise, NoiseModel, Scenario, Schedule, Session, Truth, TruthSigma
 from radioloc.simulation.schedule import LINKS
+from radioloc.simulation.simulate import TargetRecord
 from radioloc.study.orbiter import Orbiter
 from radioloc.study.schema import TomlTable
-from radioloc.time import Epochs, epochs_from_strings, utc_strings
+from radioloc.time import Epochs, utc_strings
 
 _Record = TypeVar("_Record")
 _MASKS = {
@@ -33,30 +31,10 @@ _TRUTH_SIGMA_KEYS = {"position_enu_m": tuple[float, float, float], "gravity_erro
 
 
 def scenario(
-    table: TomlTable, position: LunarPosition | Trajectory | Orbiter, catalogue: StationCatalogue
+    table: TomlTable, position: TargetRecord | Mapping[str, TargetRecord], catalogue: StationCatalogue
 ) -> Scenario:
-    """Read ``[simulation]`` of one target, whose true position has been taken from the table."""
-    name = table.get("name", str)
-    name = position.name if name is None and isinstance(position, Orbiter) else name or "lander"
-    [planned] = scenarios(table, {name: position}, catalogue).values()
-    orbits = isinstance(position, Orbiter)
-    if orbits and any(planned.truth_sigma.position_enu_m):
-        raise InputError(
-            f"{table.path}: [simulation.truth_sigma] position_enu_m belongs to a place on the Moon, but the target "
-            "is an orbiter; leave it out"
-        )
-    if planned.truth_sigma.gravity_errors and not orbits:
-        raise InputError(
-            f"{table.path}: [simulation.truth_sigma] gravity_errors belongs to an orbiter; leave it out"
-        )
-    return planned
-
-
-def scenarios(
-    table: TomlTable, truths: Mapping[str, LunarPosition | Trajectory | Orbiter], catalogue: StationCatalogue
-) -> dict[str, Scenario]:
-    """Read ``[simulation]`` of targets with their true positions; errors of stations are common to all targets."""
-    seed = table.get("seed", int)
+    """Read ``[simulation]``, of which `position`, the true positions or orbits, has been taken."""
+    seed, name = table.get("seed", int), table.get("name", str)
     sessions, truth, truth_sigma, noise = (
         table.table(key) for key in ("sessions", "truth", "truth_sigma", "noise")
     )
@@ -67,47 +45,20 @@ def scenarios(
     }
     if len(by_station_deg) < len(masks.by_station_deg):
         table.fail("station_masks_deg", "names a station twice")
-    items = [] if sessions is None else list(sessions.named().values())
-    tracked = [_tracked(item, truths) for item in items]
-    planned = [_session(item, catalogue) for item in items]
+    planned = [] if sessions is None else [_session(item, catalogue) for item in sessions.named().values()]
     if not planned:
         table.fail("sessions", "is missing; give at least one [simulation.sessions.NAME]")
     stations = tuple(dict.fromkeys(end for session in planned for pair in session.pairs for end in pair))
-    # Offsets of clocks are common to all targets, so their epoch is, too.
-    starts = sorted(
-        (session.start_utc for session in planned), key=lambda date: epochs_from_strings(date, "UTC").mjd[0]
+    return table.build(
+        Scenario,
+        schedule=Schedule(planned, replace(masks, by_station_deg=by_station_deg)),
+        position=position,
+        truth=_errors(truth, Truth, _TRUTH_KEYS, stations, catalogue),
+        noise=None if noise is None else _noise(noise),
+        truth_sigma=_errors(truth_sigma, TruthSigma, _TRUTH_SIGMA_KEYS, stations, catalogue),
+        seed=seed,
+        name=position.name if name is None and isinstance(position, Orbiter) else name,
     )
-    epoch_utc = starts[0] if len(truths) > 1 else None
-    settings: dict[str, Any] = {
-        "truth": _errors(truth, Truth, _TRUTH_KEYS, stations, catalogue, epoch_utc),
-        "noise": None if noise is None else _noise(noise),
-        "truth_sigma": _errors(truth_sigma, TruthSigma, _TRUTH_SIGMA_KEYS, stations, catalogue, epoch_utc),
-        "seed": seed,
-    }
-    if len(truths) > 1 and settings["truth_sigma"] and any(settings["truth_sigma"].position_enu_m):
-        table.fail("truth_sigma", "position_enu_m is of one target; give [simulation.targets.NAME.position]")
-    masks = replace(masks, by_station_deg=by_station_deg)
-    sessions_of = {
-        name: [s for s, names in zip(planned, tracked, strict=True) if name in names] for name in truths
-    }
-    return {
-        name: table.build(
-            Scenario, schedule=Schedule(sessions_of[name], masks), position=position, name=name, **settings
-        )
-        for name, position in truths.items()
-        if sessions_of[name]
-    }
-
-
-def _tracked(table: TomlTable, truths: Mapping[str, Any]) -> tuple[str, ...]:
-    """Return the targets of a session: by default all of the study."""
-    if len(truths) < 2:
-        return tuple(truths)
-    names = tuple(canonical_target(name) for name in table.get("targets", tuple[str, ...]) or truths)
-    for name in names:
-        if name not in truths:
-            table.fail("targets", f"expected some of [targets], {', '.join(truths)}, got {name!r}")
-    return names
 
 
 def _session(table: TomlTable, catalogue: StationCatalogue) -> Session:
@@ -151,12 +102,11 @@ def _errors(
     keys: Mapping[str, Any],
     stations: tuple[str, ...],
     catalogue: StationCatalogue,
-    epoch_utc: str | None,
 ) -> _Record | None:
     """Read a record of errors of parameters, or of their sigmas, and of its further keys."""
     if table is None:
         return None
-    fields: dict[str, Any] = {"clock_epoch_utc": _utc(table.get("clock_epoch", Epochs)) or epoch_utc}
+    fields: dict[str, Any] = {"clock_epoch_utc": _utc(table.get("clock_epoch", Epochs))}
     for kind in PARAMETERS.values():
         key = kind.value_key
         fields[key] = table.take(key)

@@ -300,7 +300,6 @@ _FIELD_TYPES: Mapping[str, tuple[type, ...]] = {
     "targets": (Mapping,),
     "consider": (Mapping,),
     "extensions": (Mapping,),
-    "simulations": (Mapping,),
 }
 """Types of the fields of a study built in Python."""
 
@@ -324,9 +323,7 @@ class Study:
     name : str
         Name on the result card.
     simulation : Scenario or None
-        Tracking to be simulated, of one target.
-    simulations : mapping of str to Scenario
-        Tracking to be simulated, by the names of several targets.
+        Tracking to be simulated, of all targets.
     targets : mapping of str to LunarPosition, Trajectory or Orbiter
         Several targets of any kinds, by their names in the observations.
     consider : mapping of str to ParameterChoice
@@ -371,7 +368,6 @@ class Study:
     candidates: tuple[str, ...] | None = None
     target_name: str | None = None
     extensions: Mapping[str, Any] = field(default_factory=dict)
-    simulations: Mapping[str, Scenario] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for name, types in _FIELD_TYPES.items():
@@ -397,6 +393,7 @@ class Study:
                 self._require_process_noise()
         elif self.estimate.orbit is not None:
             raise InputError('[estimate.orbit] belongs to a target with dynamics = "moon"; leave it out')
+        self._require_simulated()
         if not self.points:
             self._require_no_position()
 
@@ -450,7 +447,7 @@ class Study:
         return (
             f"<Study {self.name}: {target}; {len(self.observations.files)} file(s); "
             f"estimates {', '.join(estimated) or 'nothing'}"
-            f"{'; simulated' if self.simulation or self.simulations else ''}>"
+            f"{'; simulated' if self.simulation else ''}>"
         )
 
     def _name_targets(self) -> None:
@@ -476,10 +473,22 @@ class Study:
             of_one_position = {
                 "[reference]": self.reference,
                 "[references]": self.references,
-                "simulation": self.simulation,
             }
             for key in filter(of_one_position.get, of_one_position):
                 raise InputError(f"{key}: expected one position, but [targets] gives several; leave it out")
+
+    def _require_simulated(self) -> None:
+        """Refuse a simulation of other targets than those of the study."""
+        if self.simulation is None:
+            return
+        simulated = [canonical_target(name) for name in self.simulation.targets]
+        if len(self.all_targets) != len(simulated) or (
+            len(simulated) > 1 and {*simulated} != {*self.targets}
+        ):
+            raise InputError(
+                f"[simulation]: expected the targets of the study ({', '.join(self.targets) or 'one'}), "
+                f"got {', '.join(simulated)}"
+            )
 
     def _require_states(self, choice: OrbitChoice) -> None:
         """Refuse keys of the state if all targets land: their parameters are place and velocity of the touchdown."""

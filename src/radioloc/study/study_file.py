@@ -23,6 +23,7 @@ from radioloc.measurements.link import canonical_target
 from radioloc.parameters.choice import ParameterChoice
 from radioloc.parameters.considered import considered_choices
 from radioloc.simulation import Scenario
+from radioloc.simulation.simulate import TargetRecord
 from radioloc.study.map_positions import PlaceOnMap
 from radioloc.study.observation_choice import ObservationChoice
 from radioloc.study.orbit_choice import (
@@ -42,7 +43,7 @@ from radioloc.study.schema import (
     source_of,
     toml_content,
 )
-from radioloc.study.simulation_file import scenario, scenarios
+from radioloc.study.simulation_file import scenario
 from radioloc.study.study import (
     PARAMETER_KEYS,
     CovarianceChoice,
@@ -212,14 +213,6 @@ def read_study(path: str | Path) -> Study:
     if targets == {}:
         raise InputError(f"{path}: [targets] is empty; give at least one [targets.NAME]")
     target = read_table("target", read) or next(iter(targets.values()))
-    canonical = {canonical_target(name): place for name, place in (targets or {}).items()}
-    read_simulation = partial(
-        _simulation,
-        targets=canonical if len(canonical) > 1 else {"": target},
-        forces=content.get("forces", {}),
-        catalogue=catalogue,
-    )
-    simulations = read_table("simulation", read_simulation) or {}
     considered, defaults, suboptimal = read_table("consider", _considered) or ({}, True, ())
     planned = read_table("covariance", lambda table: table.read(CovarianceChoice))
     return top.build(
@@ -240,8 +233,15 @@ def read_study(path: str | Path) -> Study:
         path=file,
         candidates=None if planned is None else planned.candidates,
         extensions={table.name: table.read(record) for table, record in extensions},
-        simulation=simulations.get(""),
-        simulations={} if "" in simulations else simulations,
+        simulation=read_table(
+            "simulation",
+            partial(
+                _simulation,
+                targets=targets or {"": target},
+                forces=content.get("forces", {}),
+                catalogue=catalogue,
+            ),
+        ),
     )
 
 
@@ -280,21 +280,30 @@ def _simulation(
     targets: Mapping[str, LunarPosition | Trajectory | Orbiter],
     forces: Mapping[str, Any],
     catalogue: StationCatalogue,
-) -> dict[str, Scenario]:
-    """Read the scenario of each target; the name of the only one is empty."""
+) -> Scenario:
+    """Read ``[simulation]`` of targets by name; the name of a single ``[target]`` is empty."""
+    records: TargetRecord | dict[str, TargetRecord]
     if len(targets) == 1:
-        [(name, target)] = targets.items()
-        return {name: scenario(table, _true_target(table, target, forces), catalogue)}
-    changes = table.table("targets")
-    tables = {} if changes is None else changes.named()
-    for name in tables:
-        if canonical_target(name) not in targets:
-            table.fail(f"targets.{name}", f"expected one of [targets], {', '.join(targets)}")
-    truths = dict(targets)
-    for name, change in tables.items():
-        truths[canonical_target(name)] = _true_target(change, targets[canonical_target(name)], forces)
-        change.finish()
-    return scenarios(table, truths, catalogue)
+        [target] = targets.values()
+        records = _true_target(table, target, forces)
+    else:
+        changes = table.table("targets")
+        records = {canonical_target(name): target for name, target in targets.items()}
+        for name, change in ({} if changes is None else changes.named()).items():
+            if name not in targets:
+                table.fail(f"targets.{name}", f"expected one of [targets], {', '.join(targets)}")
+            records[canonical_target(name)] = _true_target(change, targets[name], forces)
+            change.finish()
+    planned = scenario(table, records, catalogue)
+    orbiter_count = sum(isinstance(target, Orbiter) for target in targets.values())
+    unused = {
+        "position_enu_m": any(planned.truth_sigma.position_enu_m) and orbiter_count == len(targets),
+        "gravity_errors": bool(planned.truth_sigma.gravity_errors) and not orbiter_count,
+    }
+    for key in filter(unused.get, unused):
+        kind = "an orbiter" if key == "gravity_errors" else "a place on the Moon"
+        raise InputError(f"{table.path}: [simulation.truth_sigma] {key} belongs to {kind}; leave it out")
+    return planned
 
 
 def _true_target(

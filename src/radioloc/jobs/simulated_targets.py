@@ -1,0 +1,58 @@
+"""Targets of a study at the positions and on the orbits that its simulation has."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+from radioloc.dynamics import AdjustableOrbit
+from radioloc.lunar.position import LunarPosition
+from radioloc.measurements.link import canonical_target
+from radioloc.measurements.physical_model import PhysicalModel
+from radioloc.simulation import Scenario
+from radioloc.simulation.visibility import Target
+from radioloc.study.study import Study
+
+
+def names_in_scenario(study: Study, scenario: Scenario) -> dict[str, str]:
+    """Return the names of the study's targets in the observations of a scenario."""
+    if len(scenario.targets) == 1:
+        return dict(zip(study.all_targets, scenario.targets, strict=True))
+    names = {canonical_target(name): name for name in scenario.targets}
+    return {name: names[name] for name in study.all_targets}
+
+
+def at_true_positions(study: Study, scenario: Scenario) -> Study:
+    """Return the study with its targets at their true positions and states; forces are those of the fit."""
+    targets = dict(study.all_targets)
+    for name, simulated in names_in_scenario(study, scenario).items():
+        record, orbiter = scenario.targets[simulated], study.orbiters.get(name)
+        if isinstance(record, LunarPosition):
+            targets[name] = record
+        elif orbiter is not None:
+            targets[name] = orbiter.with_state(record.state)  # type: ignore[union-attr]
+    places = {"target": None, "targets": targets} if study.targets else {"target": targets[""]}
+    return replace(study, reference=None, references=(), **places)
+
+
+def planned_orbits(study: Study, scenario: Scenario, model: PhysicalModel) -> dict[str, AdjustableOrbit]:
+    """Return the orbits of a study's targets over the sessions of a scenario, with partials by all parameters."""
+    choice = study.estimate.orbit
+    return {
+        name: scenario.orbit(model, orbiter, choice.parameters(orbiter.forces))
+        for name, orbiter in study.orbiters.items()
+        if choice is not None
+    }
+
+
+def pointed_at(
+    study: Study, scenario: Scenario, model: PhysicalModel, orbits: Mapping[str, AdjustableOrbit]
+) -> dict[str, Target]:
+    """Return what antennas point at, by the names of targets in the observations."""
+    targets = dict[str, Target]()
+    for name, simulated in names_in_scenario(study, scenario).items():
+        if name in study.points:
+            targets[simulated] = study.points[name].to_axes("PA", model.ephemeris.constants).xyz_m
+        else:
+            targets[simulated] = orbits[name].nearest() if name in orbits else study.trajectories[name]
+    return targets

@@ -261,7 +261,7 @@ def test_zenith_delay(model, case):
             # The same arc: one that is prepared anew has other last places of the Moon's angle, micrometres.
             wetter = copy.copy(arc)
             air = arc._media["troposphere"]
-            more = dataclasses.replace(air, wet_m=air.wet_m + d * (arc._which == index))
+            more = dataclasses.replace(air, wet_m=air.wet_m + d * (arc._station_index == index))
             wetter._media = {**arc._media, "troposphere": more}
             return value_m(wetter)
 

@@ -212,9 +212,9 @@ def used(name: str, result: Any) -> ArrayLike:
         case "eop":
             return result.interpolate(Epochs.from_jd(2458851.5, 0.2, "TT")).ut1_minus_tt_s
         case "gpt3":
-            return result.at(NOON, 0.8, 0.2, 500.0).pressure_hpa
+            return result.values_at(NOON, 0.8, 0.2, 500.0).pressure_hpa
         case "vmf3_grids" | "orography":
-            return result.at(NOON, 0.8, 0.2, 500.0).zenith_wet_m
+            return result.values_at(NOON, 0.8, 0.2, 500.0).zenith_wet_m
         case "vmf3_sites":
             return np.concatenate([site.values for site in result.values()])
         case _ if name == "trajectory" or name.startswith("spk_type"):

@@ -31,7 +31,10 @@ def growth_m(observations, start, sent_from_s, sent_to_s):
     [name] = {observations.links[k].transmitter for k in observations.link}
     frequency, f0_hz = observations.ramps.of_station(name), observations.uplink_hz
     since_s = utc_to_tai(epochs_from_strings(start, "UTC")).seconds_since(frequency.origin)
-    ends = [frequency.at(np.asarray(t) + since_s, since_s, f0_hz)[1] for t in (sent_from_s, sent_to_s)]
+    ends = [
+        frequency.frequency_and_cycles(np.asarray(t) + since_s, since_s, f0_hz)[1]
+        for t in (sent_from_s, sent_to_s)
+    ]
     return observations.value_m + C_M_S / f0_hz * (ends[1] - ends[0])
 
 

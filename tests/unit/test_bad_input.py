@@ -77,7 +77,7 @@ CASES = {
         table(*ROWS, ROWS[0].replace("123.4", "133.4")), "line 5", "another value", "line 2"
     ),
     "csv: a name of thousands of characters": csv(
-        table(ROWS[0].replace("lander", "l" * 5000)), "line 2", "too long a name", "l" * 70 + "...'"
+        table(ROWS[0].replace("lander", "l" * 5000)), "line 2", "up to 80 characters", "l" * 70 + "...'"
     ),
     "csv: cut inside its last number": csv(table()[:-1] + "60", "line 4", "no line end"),
     "tdm: two values in two segments": tdm(
@@ -99,7 +99,7 @@ CASES = {
         {"estimate": "range_bias_m = { URUMQI = 3.0 }"},
     ),
     "empty": csv("", "is empty"),
-    "only a header": csv(HEADER, "no observations"),
+    "only a header": csv(HEADER, "expected observations"),
     "tdm: cut": tdm(TEXT[:-20], "line 13"),
     "xml: cut": tdm(xml((TWO_WAY, RANGES))[:-40], "line", name="data.xml"),
     "gzip: cut": tdm(gzip.compress(TEXT.encode() * 3, mtime=0)[:120], "gzip", "cut"),

@@ -169,8 +169,8 @@ def test_columns_of_observations_with_units():
         ("sigma_m", 1e-11 * u.s, "sigma_m is in s; give m"),
         ("temperature_k", 7.0 * u.deg_C, "temperature_k is in deg_C; give K"),
         ("wavelength_um", 8.4 * u.GHz, "wavelength_um is in GHz; give um"),
-        ("value_m", np.ma.masked_array([7.5e8, 7.6e8], [False, True]), "observation 2: value_m is nan"),
-        ("link", np.ma.masked_array([0, 0], [False, True]), "link has masked entries"),
+        ("value_m", np.ma.masked_array([7.5e8, 7.6e8], [False, True]), "observation 2: value_m"),
+        ("link", np.ma.masked_array([0, 0], [False, True]), "link: masked entries"),
     ],
 )
 def test_columns_that_are_not_what_their_name_says(name, value, message):

@@ -34,7 +34,7 @@ from radioloc.io.table import (
     write_table,
 )
 from radioloc.io.tdm import TdmAgreement, looks_like_tdm, read_tdm, write_tdm
-from radioloc.measurements.observations import Observations, counted_once, without_duplicates
+from radioloc.measurements.observations import Observations, without_duplicates, without_second
 from radioloc.measurements.quantised import with_rounding_in_sigmas
 from radioloc.measurements.registry import is_integrated
 from radioloc.measurements.table_columns import COLUMNS
@@ -294,7 +294,7 @@ def _without_rereadings(observations: Observations) -> Observations:
     later = np.argsort(file[pairs], axis=1)
     first, second = rows[np.take_along_axis(pairs, later, axis=1).T]
     problem = "this count of Doppler is already there, but for the rounding of its time"
-    return counted_once(observations, first, second, problem)
+    return without_second(observations, first, second, problem)
 
 
 def _reader_of(path: str | Path) -> Reader:

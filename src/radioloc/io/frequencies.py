@@ -36,7 +36,7 @@ from radioloc.io.checks import read_utc
 from radioloc.measurements.link import Link
 from radioloc.measurements.observations import Observations, without_duplicates
 from radioloc.measurements.registry import KINDS
-from radioloc.measurements.table_columns import each_once
+from radioloc.measurements.table_columns import unique_items
 from radioloc.quantities import convert_fields
 from radioloc.text_files import read_lines
 from radioloc.time import Epochs
@@ -191,7 +191,7 @@ def frequency_observations(
         counted = utc_from_seconds_of_day(epoch.jd[rows], np.array(second_of_day)[rows])
         epoch.jd[rows], epoch.fraction[rows] = counted.jd, counted.fraction
     received_hz = np.array(hz)
-    ends, station = each_once(stations)
+    ends, station = unique_items(stations)
     agreement = agreement_on(path, agreements)
     if agreement is None:
         problem = "received frequencies need the transmitted one; give transmit_hz and sigma_hz under"
@@ -209,9 +209,8 @@ def frequency_observations(
         lambda problem, row: FileFormatError(path, problem, lines[row]),
     )
     with in_file(path):
-        links = [
-            Link(up or agreement.transmitter, agreement.target, down).named(catalogue) for up, down in ends
-        ]
+        names = [(up or agreement.transmitter, agreement.target, down) for up, down in ends]
+        links = [Link(*participants).with_canonical_names(catalogue) for participants in names]
     one_way = np.array([not link.transmitter for link in links])[station]
     observations = Observations.from_columns(
         epoch=epoch,

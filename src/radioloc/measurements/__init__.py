@@ -1,8 +1,8 @@
-"""What is measured between stations on Earth and a target at the Moon, and how it is predicted.
+"""Measurements between stations on Earth and targets at the Moon, and their predictions.
 
-A table of :class:`Observations` and a :class:`PhysicalModel` make a :class:`Predictor` (:func:`prepare_predictor`),
-which computes the observations for motions of the targets (:class:`TargetMotion`), with their partial derivatives.
-:data:`MEASUREMENTS` are the types of measurement, :data:`TERMS` the terms of the model by name.
+A :class:`Predictor` (:func:`prepare_predictor`) computes a table of :class:`Observations` with a :class:`PhysicalModel`
+for motions of the targets (:class:`TargetMotion`), with partial derivatives. :data:`MEASUREMENTS` has the types of
+measurement, :data:`TERMS` the terms of the model by name.
 """
 
 from radioloc.measurements.chebyshev_predictor import ChebyshevPredictor

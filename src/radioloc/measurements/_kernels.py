@@ -1,7 +1,7 @@
-"""Compiled evaluation of polynomials, one per segment of time, at many rows.
+"""Compiled evaluation of the polynomials of segments of time at many rows.
 
-Every row is computed by the same operations in the same order whatever rows are asked for together and however they
-are divided among threads, so results do not depend on either. The functions release the interpreter's lock.
+Each row is computed by the same operations in the same order, so results do not depend on the selected rows or on the
+number of threads. The functions release the interpreter's lock.
 """
 
 import numpy as np
@@ -10,23 +10,18 @@ from numpy.typing import NDArray
 from radioloc.compiled import compiled
 from radioloc.vectors import Floats
 
-GROUP_SIZE = 2048  # rows sorted by segment at a time; results for one quantity stay in the nearest cache
-
-BIN_COUNT = 32  # most segments among them; a group ends before the next one begins
-
-BIN_SIZE = GROUP_SIZE + 72  # a power of two would let all bins compete for the same cache lines
-
-MIN_RUN_LENGTH = 64  # so many successive rows of one segment are evaluated where they are
-
-EXACT_SEGMENT = -1  # a segment's index from here down marks a row that is not interpolated
+GROUP_SIZE = 2048  # rows sorted by segment together; results of a quantity fit into the nearest cache
+BIN_COUNT = 32  # largest number of segments of a group
+BIN_SIZE = GROUP_SIZE + 72  # with a power of two all bins would compete for the same cache lines
+MIN_RUN_LENGTH = 64  # successive rows of a segment that are evaluated without sorting
+EXACT_SEGMENT = -1  # segments up to this index mark rows that are not interpolated
 
 
 @compiled()
 def _polynomial(coefficients: Floats, s: int, q: int, begin: int, t: Floats, out: Floats, m: int) -> None:
     """Evaluate quantity `q` of segment `s` at the first `m` of `t` by Horner's rule, from coefficient `begin` on."""
     # Coefficients, powers descending, have the shape (n_segments, n_quantities, n_coefficients); those before `begin`
-    # are 0, and four, or a multiple of four, come after it.
-    # Four steps for each time that `out` is read and written.
+    # are 0, and a multiple of four follow it. Four steps are made for each access to `out`.
     b, c = coefficients[s, q, begin], coefficients[s, q, begin + 1]
     d, e, f = coefficients[s, q, begin + 2], coefficients[s, q, begin + 3], coefficients[s, q, begin + 4]
     for j in range(m):
@@ -42,7 +37,7 @@ def _polynomial(coefficients: Floats, s: int, q: int, begin: int, t: Floats, out
 
 @compiled()
 def _leading(coefficients: Floats, s: int, q: int) -> int:
-    """Where :func:`_polynomial` may begin: coefficients before that are zero."""
+    """Return the first coefficient for :func:`_polynomial`; those before it are zero."""
     k = 0
     while k + 5 < coefficients.shape[2] and not coefficients[s, q, k : k + 4].any():
         k += 4
@@ -57,39 +52,41 @@ def quantities(
     # `x`, -1 to 1, is the time within the segment; rows that are not interpolated (segment below zero) become NaN.
     n_quantities = coefficients.shape[1]
     next_place = np.full(coefficients.shape[0], -1, dtype=np.int64)
-    found = np.empty(BIN_COUNT, dtype=np.int32)
-    place = np.empty(GROUP_SIZE, dtype=np.uint32)  # indices with a sign would be looked at for negative ones
+    bin_segment = np.empty(BIN_COUNT, dtype=np.int32)
+    place = np.empty(GROUP_SIZE, dtype=np.uint32)  # signed indices would be checked for negative values
     t, at_t = np.empty(BIN_COUNT * BIN_SIZE), np.empty(BIN_COUNT * BIN_SIZE + 1)
     at_t[-1] = np.nan
     first = begin
     while first < end:
-        # Where the rows are in order of their segments, their places in memory serve as they are.
-        stop, same = min(first + GROUP_SIZE, end), first + 1
-        while same < stop and segment[same] == segment[first]:
-            same += 1
-        if same - first >= MIN_RUN_LENGTH:
+        # Long runs of a segment are evaluated in place.
+        stop, run_end = min(first + GROUP_SIZE, end), first + 1
+        while run_end < stop and segment[run_end] == segment[first]:
+            run_end += 1
+        if run_end - first >= MIN_RUN_LENGTH:
             s = segment[first]
             for q in range(n_quantities):
                 if s > EXACT_SEGMENT:
                     k = _leading(coefficients, s, q)
-                    _polynomial(coefficients, s, q, k, x[first:same], out[q, first:same], same - first)
+                    _polynomial(
+                        coefficients, s, q, k, x[first:run_end], out[q, first:run_end], run_end - first
+                    )
                 else:
-                    out[q, first:same] = np.nan
-            first = same
+                    out[q, first:run_end] = np.nan
+            first = run_end
             continue
-        # Rows that take turns: the times of each segment into a bin of its own.
-        n_found = 0
+        # Otherwise the times of each segment are collected in a bin.
+        bin_count = 0
         i = first
         while i < stop:
             s = segment[i]
             if s > EXACT_SEGMENT:
                 to = next_place[s]
                 if to < 0:
-                    if n_found == BIN_COUNT:
+                    if bin_count == BIN_COUNT:
                         break
-                    found[n_found] = s
-                    to = n_found * BIN_SIZE
-                    n_found += 1
+                    bin_segment[bin_count] = s
+                    to = bin_count * BIN_SIZE
+                    bin_count += 1
                 t[to] = x[i]
                 place[i - first] = to
                 next_place[s] = to + 1
@@ -97,15 +94,15 @@ def quantities(
                 place[i - first] = BIN_COUNT * BIN_SIZE
             i += 1
         stop = i
-        # One quantity after the other, so that what is gathered is near and what is written stands together.
+        # Quantity by quantity, for contiguous memory.
         for q in range(n_quantities):
-            for g in range(n_found):
-                s, of_bin = found[g], g * BIN_SIZE
+            for g in range(bin_count):
+                s, of_bin = bin_segment[g], g * BIN_SIZE
                 k = _leading(coefficients, s, q)
                 _polynomial(coefficients, s, q, k, t[of_bin:], at_t[of_bin:], next_place[s] - of_bin)
             values = out[q, first:stop]
             for j in range(stop - first):
                 values[j] = at_t[place[j]]
-        for g in range(n_found):
-            next_place[found[g]] = -1
+        for g in range(bin_count):
+            next_place[bin_segment[g]] = -1
         first = stop

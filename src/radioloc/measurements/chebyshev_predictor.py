@@ -1,9 +1,9 @@
-"""A predictor of dense tracking: the model is computed at nodes and interpolated between them.
+"""Predictor of dense tracking, which interpolates the model between nodes.
 
 The :class:`~radioloc.measurements.exact_predictor.ExactPredictor` computes the Chebyshev nodes of segments of at most
-three hours, and check points between them, as observations of the same path, kind and conditions. Segments that deviate
-(a kink of the ionosphere's maps, an elevation near a limit, a passage through the zenith) are divided; where too few
-observations are left to a segment, these are computed one by one.
+three hours, and check points between them, as observations of the same path, kind and conditions. Segments with
+deviations (a kink of the ionosphere's maps, an elevation near a limit, a passage through the zenith) are divided.
+Observations of segments with too few rows are computed individually.
 """
 
 from __future__ import annotations
@@ -41,40 +41,40 @@ from radioloc.measurements.predictor import Computed, Predictor
 from radioloc.measurements.prepared_paths import joined, rows_of
 from radioloc.measurements.proper_time import clock_epoch as clock_epoch_of
 from radioloc.measurements.registry import is_differenced, is_integrated
-from radioloc.measurements.target_motion import GivenMotions, Motions, partials_of_points, positions_pa_m
+from radioloc.measurements.target_motion import Motions, MotionsLike, partials_of_points, positions_pa_m
 from radioloc.quantities import accepts_quantities
 from radioloc.time import Epochs, utc_to_tt
 from radioloc.vectors import Floats
 
-MAX_UNCHECKED_DISTANCE_M = 1e4  # distance from the position of the last check that is allowed without another
-_MIN_ROWS_PER_THREAD = 32768  # rows for which it is worth starting a thread: one millisecond
+MAX_UNCHECKED_DISTANCE_M = 1e4  # from the position of the last check; larger distances need another check
+_MIN_ROWS_PER_THREAD = 32768  # a millisecond of work, which justifies a thread
 
 
 @dataclass(frozen=True, slots=True)
 class InterpolationAccuracy:
-    """Largest deviations of an interpolated arc from the model at its check points; zero where there are none."""
+    """Largest deviations of an interpolated arc from the model at its check points; zero without check points."""
 
     range_m: float  # of ranges
     delay_s: float  # of VLBI delays
     integrated_m: float  # of integrated Doppler and delay rates
     by_position: float  # of a partial by position, m/m
     interpolated: int  # observations
-    exact: int  # observations that are computed one by one
+    exact: int  # observations computed individually
     segments: int
     nodes: int  # of all segments
 
 
 class ChebyshevPredictor(Predictor):
-    """The observations of one arc, dense series of them interpolated.
+    """Predictor that interpolates dense series of an arc.
 
-    Parameters and errors are those of :func:`prepare_predictor`; ``series`` is the observations' order, where it has
-    been found already.
+    Parameters and errors are those of :func:`prepare_predictor`; ``series`` is the order of the observations, if it is
+    available already.
 
     Notes
     -----
-    A value is within 0.09 mm (0.3 ps of delay) of the model's, a partial within 1e-6 of the largest of its kind in the
-    segment. A segment is accepted if it is four times as good at its check points and its last two Chebyshev
-    coefficients are as small; docs/architecture.md derives the bound.
+    Values are within 0.09 mm (0.3 ps of delay) of the model, partials within 1e-6 of the largest of their kind in the
+    segment. A segment is accepted if its deviations at the check points, and its last two Chebyshev coefficients, are
+    four times smaller; docs/architecture.md derives the bound.
     """
 
     @accepts_quantities
@@ -82,7 +82,7 @@ class ChebyshevPredictor(Predictor):
         self,
         model: PhysicalModel,
         observations: Observations,
-        motions: GivenMotions,
+        motions: MotionsLike,
         series: DenseSeries | None = None,
         targets: Sequence[str] = (),
         more_partials: bool = False,
@@ -90,24 +90,22 @@ class ChebyshevPredictor(Predictor):
     ) -> None:
         super().__init__(model, observations, motions, targets, more_partials)
         if self.trajectories:
-            raise InputError(
-                'the tracking of a spacecraft is not interpolated; evaluation is "exact" or "auto"'
-            )
+            raise InputError('evaluation: expected "exact" or "auto" for a spacecraft, got "interpolated"')
         self._clock_epoch = clock_epoch or clock_epoch_of(observations)
         self._plan(self.motions, series)
         model.earth.warn_of_predictions(utc_to_tt(observations.epoch), self.predicted_eop)
 
     @property
     def predicted_eop(self) -> NDArray[np.bool_]:
-        """Whether an observation rests on predicted Earth orientation, shape (n,)."""
+        """Mask of observations with predicted Earth orientation, shape (n,)."""
         first = first_nodes(self._degree)
-        # A segment was refused whose nodes do not all agree in this.
+        # All nodes of an accepted segment agree in it.
         row = np.where(self._segment < 0, first[-1] - 1 - self._segment, first[np.maximum(self._segment, 0)])
         return self._computed.predicted_eop[row]
 
     @property
     def accuracy(self) -> InterpolationAccuracy:
-        """Agreement with the model at the check points, at the position at which it was checked last."""
+        """Agreement with the model at the check points, at the position of the last check."""
         kind = self._checks.observations.kind[::CHECK_POINT_COUNT]
         differenced, integrated = is_differenced(kind), is_integrated(kind)
         value_m = self._deviation[:, 0]
@@ -123,50 +121,50 @@ class ChebyshevPredictor(Predictor):
             nodes=int(first_nodes(self._degree)[-1]),
         )
 
-    def check(self, motions: GivenMotions | None = None) -> InterpolationAccuracy:
-        """Compare with the model at the check points for other positions, and divide anew if that asks for it."""
-        given = self._given(motions)
-        good, deviation = compare(self._degree, self._computed, self._checks, given)
-        if good.all():
-            self._deviation, self._checked_pa_m = deviation, positions_pa_m(given)
+    def check(self, motions: MotionsLike | None = None) -> InterpolationAccuracy:
+        """Compare with the model at the check points for other positions, and divide segments anew if necessary."""
+        all_motions = self._given(motions)
+        accepted, deviation = compare(self._degree, self._computed, self._checks, all_motions)
+        if accepted.all():
+            self._deviation, self._checked_pa_m = deviation, positions_pa_m(all_motions)
         else:
-            self._plan(given)
+            self._plan(all_motions)
         return self.accuracy
 
-    def at(self, motions: GivenMotions | None = None) -> ChebyshevPrediction:
-        """Predict for points on the Moon: all values at once, partials of the rows that are asked for."""
-        given = self._given(motions)
-        if (
-            np.linalg.norm(positions_pa_m(given) - self._checked_pa_m, axis=-1).max()
-            > MAX_UNCHECKED_DISTANCE_M
-        ):
-            self.check(given)
-        computed = self._computed.compute(given)
-        return ChebyshevPrediction(self._segment, self._x, self._degree, computed, self.target, len(given))
+    def at(self, motions: MotionsLike | None = None) -> ChebyshevPrediction:
+        """Predict values for points on the Moon, and partials of rows on request."""
+        all_motions = self._given(motions)
+        distances_m = np.linalg.norm(positions_pa_m(all_motions) - self._checked_pa_m, axis=-1)
+        if distances_m.max() > MAX_UNCHECKED_DISTANCE_M:
+            self.check(all_motions)
+        computed = self._computed.compute(all_motions)
+        return ChebyshevPrediction(
+            self._segment, self._x, self._degree, computed, self.target, len(all_motions)
+        )
 
-    def select(self, which: Any) -> ChebyshevPredictor:
-        """The arc of some of the observations (a mask, a slice or indices), already prepared."""
+    def select(self, rows: Any) -> ChebyshevPredictor:
+        """Return the prepared arc of some observations by a mask, a slice or indices."""
         part = copy.copy(self)
-        part._take(self.observations.select(which))
-        segment, part._x = np.atleast_1d(self._segment[which]), np.ascontiguousarray(self._x[which])
-        few = segment < 0
-        kept = np.zeros(len(self._degree), dtype=bool)
-        kept[segment[~few]] = True
+        part._set_observations(self.observations.select(rows))
+        segment, part._x = np.atleast_1d(self._segment[rows]), np.ascontiguousarray(self._x[rows])
+        is_exact = segment < 0
+        is_used = np.zeros(len(self._degree), dtype=bool)
+        is_used[segment[~is_exact]] = True
         part._segment = np.empty_like(segment)
-        part._segment[~few] = (np.cumsum(kept) - 1)[segment[~few]]
-        part._segment[few] = -1 - np.arange(int(few.sum()))
-        part._degree, part._deviation = self._degree[kept], self._deviation[kept]
-        part._checks = self._checks.select(np.repeat(kept, CHECK_POINT_COUNT))
-        rows = np.flatnonzero(np.repeat(kept, self._degree + 1))
-        exact = first_nodes(self._degree)[-1] - 1 - segment[few]
-        part._computed = self._computed.select(np.concatenate([rows, exact]))
+        part._segment[~is_exact] = (np.cumsum(is_used) - 1)[segment[~is_exact]]
+        part._segment[is_exact] = -1 - np.arange(int(is_exact.sum()))
+        part._degree, part._deviation = self._degree[is_used], self._deviation[is_used]
+        part._checks = self._checks.select(np.repeat(is_used, CHECK_POINT_COUNT))
+        node_rows = np.flatnonzero(np.repeat(is_used, self._degree + 1))
+        exact_rows = first_nodes(self._degree)[-1] - 1 - segment[is_exact]
+        part._computed = self._computed.select(np.concatenate([node_rows, exact_rows]))
         return part
 
-    def with_model(self, model: PhysicalModel, motions: GivenMotions | None = None) -> ChebyshevPredictor:
-        """The same observations prepared with another model, for values only."""
-        given = self._given(motions)
+    def with_model(self, model: PhysicalModel, motions: MotionsLike | None = None) -> ChebyshevPredictor:
+        """Prepare the same observations with another model, for values only."""
+        all_motions = self._given(motions)
         return ChebyshevPredictor(
-            model, self.observations, given, targets=self.targets, clock_epoch=self._clock_epoch
+            model, self.observations, all_motions, targets=self.targets, clock_epoch=self._clock_epoch
         )
 
     def _plan(self, motions: Motions, series: DenseSeries | None = None) -> None:
@@ -174,7 +172,7 @@ class ChebyshevPredictor(Predictor):
 
         def exact(observations: Observations) -> ExactPredictor:
             with warnings.catch_warnings():
-                # Predictions of Earth orientation are told of the observations, not of nodes level by level.
+                # The warning of predicted Earth orientation is for the observations, not for each set of nodes.
                 warnings.simplefilter("ignore", PredictedEopWarning)
                 return ExactPredictor(
                     self.model,
@@ -202,30 +200,30 @@ class ChebyshevPredictor(Predictor):
             is_check = np.zeros(len(of_point), dtype=bool)
             is_check[last[:, None] - np.arange(1, CHECK_POINT_COUNT + 1)] = True
             at_nodes, checks = prepared.select(~is_check), prepared.select(is_check)
-            good, deviation = compare(pending.degree, at_nodes, checks, motions)
-            of_good = good[of_point]
-            segments.append(rows_of(pending, good))
-            of_nodes.append(at_nodes.select(of_good[~is_check]))
-            of_checks.append(checks.select(of_good[is_check]))
-            deviations.append(deviation[good])
-            pending = series.divided(rows_of(pending, ~good))
-        accepted = joined(segments)
-        self._degree = accepted.degree
-        self._segment, self._x = series.place(accepted)
-        rest = np.flatnonzero(self._segment < 0)
-        self._segment[rest] = -1 - np.arange(len(rest), dtype=np.int32)
-        # What is computed for each position, at once: the nodes, then what is not interpolated.
-        self._computed = ExactPredictor.concatenate([*of_nodes, exact(self.observations.select(rest))])
+            accepted, deviation = compare(pending.degree, at_nodes, checks, motions)
+            is_accepted = accepted[of_point]
+            segments.append(rows_of(pending, accepted))
+            of_nodes.append(at_nodes.select(is_accepted[~is_check]))
+            of_checks.append(checks.select(is_accepted[is_check]))
+            deviations.append(deviation[accepted])
+            pending = series.divided(rows_of(pending, ~accepted))
+        all_segments = joined(segments)
+        self._degree = all_segments.degree
+        self._segment, self._x = series.segments_of_rows(all_segments)
+        exact_rows = np.flatnonzero(self._segment < 0)
+        self._segment[exact_rows] = -1 - np.arange(len(exact_rows), dtype=np.int32)
+        # Computed together for each position: the nodes, then the observations that are not interpolated.
+        self._computed = ExactPredictor.concatenate([*of_nodes, exact(self.observations.select(exact_rows))])
         self._checks = ExactPredictor.concatenate(of_checks)
         self._deviation = np.concatenate(deviations)
         self._checked_pa_m = positions_pa_m(motions)
 
 
 class ChebyshevPrediction:
-    """Predictions of an interpolated arc for points on the Moon, so many, of which each row is of a `target`."""
+    """Predictions of an interpolated arc for `count` points on the Moon; `target` is the point of each row."""
 
-    # `segment` is that of each observation, or -1 - k for the k-th that is computed exactly, and `x` the place within
-    # it, -1 to 1; `computed` are the nodes of the segments, of this `degree`, and then what is computed exactly.
+    # `segment` is that of each observation, or -1 - k for the k-th exact observation, and `x` the place in it, -1 to 1;
+    # `computed` has the nodes of the segments, of this `degree`, and then the exact observations.
 
     def __init__(
         self,
@@ -245,32 +243,32 @@ class ChebyshevPrediction:
 
     @cached_property
     def value_m(self) -> Floats:
-        """Computed value of every observation, m, shape (n,)."""
+        """Values of all observations, m, shape (n,)."""
         out = np.empty((1, len(self._segment)))
         _in_threads(self._segment, self._x, np.ascontiguousarray(self._coefficients[:, :1]), out)
         if len(self._exact.value_m):
-            few = np.flatnonzero(self._segment < 0)
-            out[0, few] = self._exact.value_m[-1 - self._segment[few]]
+            exact_rows = np.flatnonzero(self._segment < 0)
+            out[0, exact_rows] = self._exact.value_m[-1 - self._segment[exact_rows]]
         return np.asarray(out[0])
 
-    def rows(self, which: Any) -> Computed:
-        """Values and partials of the rows chosen by a mask, a slice or indices, in that order."""
-        segment = np.ascontiguousarray(self._segment[which])
+    def rows(self, rows: Any) -> Computed:
+        """Return values and partials of rows by a mask, a slice or indices, in that order."""
+        segment = np.ascontiguousarray(self._segment[rows])
         out = np.empty((self._coefficients.shape[1], len(segment)))
-        _in_threads(segment, np.ascontiguousarray(self._x[which]), self._coefficients, out)
+        _in_threads(segment, np.ascontiguousarray(self._x[rows]), self._coefficients, out)
         status = np.zeros((len(segment), 2), dtype=np.int8)
         if self._status.any():
             smooth = np.flatnonzero(segment >= 0)
             status[smooth] = self._status[segment[smooth]]
         computed = unstacked(out, self._layout, status)
-        few = np.flatnonzero(segment < 0)
-        if len(few):
-            exact = self._exact.rows(-1 - segment[few])
+        exact_rows = np.flatnonzero(segment < 0)
+        if len(exact_rows):
+            exact = self._exact.rows(-1 - segment[exact_rows])
             for name in (*self._layout, "status"):
-                getattr(computed, name)[few] = getattr(exact, name)
+                getattr(computed, name)[exact_rows] = getattr(exact, name)
         if self._count == 1:
             return computed
-        by_motion = partials_of_points(computed.by_position_pa, self._target[which], self._count)
+        by_motion = partials_of_points(computed.by_position_pa, self._target[rows], self._count)
         return replace(computed, by_motion=by_motion)
 
 
@@ -280,7 +278,7 @@ def _in_threads(
     coefficients: Floats,
     out: Floats,
 ) -> None:
-    """Evaluate all rows, parts of them at the same time; each row's result is the same however they are divided."""
+    """Evaluate all rows in parallel; results do not depend on the number of threads."""
     from radioloc.compiled import numba
     from radioloc.measurements._kernels import quantities
 
@@ -292,4 +290,4 @@ def _in_threads(
     bounds = np.linspace(0, n, threads + 1).astype(int).tolist()
     with ThreadPoolExecutor(threads) as pool:
         parts = pool.map(partial(quantities, segment, x, coefficients, out), bounds[:-1], bounds[1:])
-        list(parts)  # raises what one of them did
+        list(parts)  # raises exceptions of threads

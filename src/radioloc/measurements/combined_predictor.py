@@ -1,7 +1,7 @@
-"""Measurements that are linear combinations of simpler ones, predicted by those.
+"""Predictions of measurements that are linear combinations of simple measurements.
 
-A type with ``Geometry.COMBINED`` says which measurements it combines and with which weights. Their observations are
-predicted by another predictor, and values and partials, by whatever parameter, combine with the same weights.
+A type with ``Geometry.COMBINED`` defines the simple measurements and their weights. Another predictor predicts the
+simple observations; values and partials combine with the same weights.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.predictor import Computed, Prediction, Predictor
 from radioloc.measurements.registry import KINDS, MEASUREMENTS, kind_of
-from radioloc.measurements.target_motion import GivenMotions, Motions
+from radioloc.measurements.target_motion import Motions, MotionsLike
 from radioloc.media.status import first_failure
 from radioloc.plugins import entry_errors
 from radioloc.vectors import Floats
@@ -29,20 +29,20 @@ from radioloc.vectors import Floats
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Combinations:
-    """Which simple observations belong to each combination: those that follow each other."""
+    """Consecutive simple observations of each combination."""
 
-    first: NDArray[np.intp]  # where each combination begins, and the end of the last, shape (n + 1,)
+    first: NDArray[np.intp]  # start of each combination, and the end of the last, shape (n + 1,)
     weight: Floats  # of each simple observation
 
-    def rows(self, which: NDArray[np.intp]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Simple observations of some combinations, shape (k,), and where each combination begins among them."""
-        count = self.first[which + 1] - self.first[which]
+    def rows(self, index: NDArray[np.intp]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """Return the simple observations of some combinations, shape (k,), and the start of each among them."""
+        count = self.first[index + 1] - self.first[index]
         begin = np.cumsum(count) - count
-        return np.repeat(self.first[which] - begin, count) + np.arange(int(count.sum())), begin
+        return np.repeat(self.first[index] - begin, count) + np.arange(int(count.sum())), begin
 
 
 def expanded(observations: Observations) -> tuple[Observations, Combinations]:
-    """Observations of simple types and how the given ones combine them; a simple one has one part, itself."""
+    """Return observations of simple types and their combinations; a simple observation is its only part."""
     links = observations.links
     pairs, pair = np.unique(
         observations.kind.astype(np.int64) * len(links) + observations.link, return_inverse=True
@@ -67,23 +67,23 @@ def expanded(observations: Observations) -> tuple[Observations, Combinations]:
 
 
 def _parts(kind: str, link: Link) -> tuple[Part, ...]:
-    """What a type of measurement combines; of a simple one itself."""
+    """Return the parts of a type of measurement; a simple type is its only part."""
     split = MEASUREMENTS[kind].parts
     if split is None:
         return (Part(1.0, kind, link),)
     with entry_errors(f"type of measurement {kind}", "parts"):
         parts = tuple(split(link))
-    simple = [name for name, other in MEASUREMENTS.items() if other.parts is None]
+    simple = [name for name, item in MEASUREMENTS.items() if item.parts is None]
     if not parts or not all(isinstance(part, Part) and part.type in simple for part in parts):
         raise InputError(
-            f"the type of measurement {kind} cannot be used: parts gives {parts!r}; it must give one or more "
-            f"Part(weight, type, link), the type one that is not combined itself: {', '.join(simple)}"
+            f"measurement type {kind}: parts: expected Part(weight, type, link) with types of "
+            f"{', '.join(simple)}, got {parts!r}"
         )
     return parts
 
 
 class CombinedPredictor(Predictor):
-    """Predictor of observations that may combine simple ones, predicted by `inner`, as `parts` state."""
+    """Predictor of observations that combine those of the predictor `inner` as `parts` states."""
 
     def __init__(self, observations: Observations, parts: Combinations, inner: Predictor) -> None:
         super().__init__(inner.model, observations, inner.motions, inner.targets, inner.more_partials)
@@ -96,26 +96,26 @@ class CombinedPredictor(Predictor):
 
     @property
     def predicted_eop(self) -> NDArray[np.bool_]:
-        """Whether an observation rests on predicted Earth orientation, shape (n,)."""
+        """Mask of observations with predicted Earth orientation, shape (n,)."""
         return np.logical_or.reduceat(self.inner.predicted_eop, self.parts.first[:-1])
 
-    def at(self, motions: GivenMotions | None = None) -> CombinedPrediction:
-        """The predictions for motions."""
+    def at(self, motions: MotionsLike | None = None) -> CombinedPrediction:
+        """Return the predictions for motions."""
         return CombinedPrediction(self, self._given(motions))
 
-    def select(self, which: Any) -> CombinedPredictor:
-        """The arc of some of the observations (a mask, a slice or indices), already prepared."""
-        rows = np.arange(len(self.observations))[which]
+    def select(self, rows: Any) -> CombinedPredictor:
+        """Return the prepared arc of some observations by a mask, a slice or indices."""
+        rows = np.arange(len(self.observations))[rows]
         simple, begin = self.parts.rows(rows)
         parts = Combinations(np.append(begin, len(simple)), self.parts.weight[simple])
         return CombinedPredictor(self.observations.select(rows), parts, self.inner.select(simple))
 
-    def with_motions(self, motions: GivenMotions) -> CombinedPredictor:
-        """As :meth:`Predictor.with_motions`."""
+    def with_motions(self, motions: MotionsLike) -> CombinedPredictor:
+        """Return the arc with other motions, as :meth:`Predictor.with_motions`."""
         return CombinedPredictor(self.observations, self.parts, self.inner.with_motions(motions))
 
-    def with_model(self, model: PhysicalModel, motions: GivenMotions | None = None) -> CombinedPredictor:
-        """The same observations prepared with another model, for values only."""
+    def with_model(self, model: PhysicalModel, motions: MotionsLike | None = None) -> CombinedPredictor:
+        """Prepare the same observations with another model, for values only."""
         inner = self.inner.with_model(model, self._given(motions))
         return CombinedPredictor(self.observations, self.parts, inner)
 
@@ -129,12 +129,12 @@ class CombinedPrediction:
 
     @cached_property
     def value_m(self) -> Floats:
-        """Value of every observation, m, shape (n,)."""
+        """Values of all observations, m, shape (n,)."""
         return np.asarray(np.add.reduceat(self._at.value_m * self._parts.weight, self._parts.first[:-1]))
 
-    def rows(self, which: Any) -> Computed:
-        """Return values and partials of rows; those of path ends are of the first part, elevations the lowest."""
-        simple, begin = self._parts.rows(np.arange(self._n)[which])
+    def rows(self, rows: Any) -> Computed:
+        """Return values and partials of rows; elevations are the lowest of the parts, others of ends of the first."""
+        simple, begin = self._parts.rows(np.arange(self._n)[rows])
         inner, weight = self._at.rows(simple), self._parts.weight[simple]
         columns = {field.name: getattr(inner, field.name)[begin] for field in fields(Computed)}
         for name in ("value_m", "by_time_m_s", "by_transponder_delay_m_s"):
@@ -143,18 +143,18 @@ class CombinedPrediction:
         columns["elevation_rad"] = np.minimum.reduceat(inner.elevation_rad, begin, axis=0)
         part = np.arange(len(simple)) - np.repeat(begin, np.diff(np.append(begin, len(simple))))
         for k in range(1, int(part.max(initial=0)) + 1):
-            rows = np.flatnonzero(part == k)
-            owner = np.searchsorted(begin, rows, side="right") - 1
-            columns["status"][owner] = first_failure(columns["status"][owner], inner.status[rows])
+            of_part = np.flatnonzero(part == k)
+            owner = np.searchsorted(begin, of_part, side="right") - 1
+            columns["status"][owner] = first_failure(columns["status"][owner], inner.status[of_part])
         return Computed(**columns)
 
     def combine(
         self,
-        which: NDArray[np.intp],
+        rows: NDArray[np.intp],
         columns: Callable[[NDArray[np.intp], Prediction, Predictor], Floats],
     ) -> Floats:
         """Combine the columns that a function returns for rows of the simple predictor, shape (m, ...)."""
-        simple, begin = self._parts.rows(np.arange(self._n)[which])
+        simple, begin = self._parts.rows(np.arange(self._n)[rows])
         combined = columns(simple, self._at, self._simple)
         weight = self._parts.weight[simple].reshape(-1, *[1] * (combined.ndim - 1))
         return np.asarray(np.add.reduceat(combined * weight, begin, axis=0))

@@ -1,10 +1,10 @@
-"""Series of observations that are smooth in time, cut into segments, and the polynomials of segments.
+"""Smooth series of observations, their segments, and the polynomials of segments.
 
-Observations of one path and kind, with the same time tag, count interval and recorded conditions, are one series. It is
-cut at gaps and every six hours of UTC, where tables have their corners (Earth orientation at 0h, VMF3 every six), and
-what lies between into segments of equal length. docs/architecture.md has the bound that follows from the rule by which
-a segment is accepted. The quantities that are interpolated are the columns of
-:class:`~radioloc.measurements.predictor.Computed` but the status, one below the other, shape (width, n).
+Observations with the same path, kind, time tag, count interval and recorded conditions form a series. A series is cut
+at gaps and every six hours of UTC, at the corners of tables (Earth orientation at 0h, VMF3 every six hours), and its
+pieces are divided into segments of equal length. docs/architecture.md derives the error bound of accepted segments. The
+interpolated quantities are the columns of :class:`~radioloc.measurements.predictor.Computed` without the status, shape
+(width, n).
 """
 
 from __future__ import annotations
@@ -29,19 +29,21 @@ from radioloc.measurements.target_motion import Motions
 from radioloc.time import Epochs, tai_to_utc, utc_to_tai
 from radioloc.vectors import Floats
 
-DEGREE_BY_LENGTH_S = ((600.0, 6), (3600.0, 10), (10800.0, 16))  # for segments up to these lengths
-MAX_GAP_S = 900.0  # a longer gap ends a segment: the point may have been below the horizon in it
-MIN_OBSERVATIONS_PER_POINT = 4  # of a segment that is worth interpolating, for each computed point
+DEGREE_BY_LENGTH_S = ((600.0, 6), (3600.0, 10), (10800.0, 16))  # largest length of segments, and degree
+MAX_GAP_S = 900.0  # the target may have been below the horizon in a longer gap
+MIN_OBSERVATIONS_PER_POINT = 4  # for each computed point, else interpolation saves no time
 CHECK_POINT_COUNT = 5  # points of a segment at which its polynomial is compared with the model
 
 _MEASURED = ("epoch", "value_m", "sigma_m", "modulus_m")
 _FREE_IN_A_SERIES = {*_MEASURED, "link", "links", "files", "file", "line", "ramps"}
 _WEATHER = ("pressure_hpa", "temperature_k", "relative_humidity")
 
-SAFETY_FACTOR = 4.0  # by how much the deviation found at the check points must stay below what is allowed
-VALUE_TOLERANCE_M = 0.9e-4  # allowed deviation of a value from the model, m: 0.3 ps of delay
-PARTIAL_TOLERANCE = 1e-6  # of partials, of the largest in the segment; of an elevation, in rad
-MAX_COEFFICIENTS = 4 * math.ceil(DEGREE_BY_LENGTH_S[-1][1] / 4) + 1  # evaluated by fours after the first
+SAFETY_FACTOR = 4.0  # between tolerances and deviations at the check points
+VALUE_TOLERANCE_M = 0.9e-4  # of values: 0.3 ps of delay
+PARTIAL_TOLERANCE = 1e-6  # of partials, relative to the largest in the segment; of elevations, rad
+MAX_COEFFICIENTS = (
+    4 * math.ceil(DEGREE_BY_LENGTH_S[-1][1] / 4) + 1
+)  # evaluated in groups of four after the first
 _ROUNDING = {
     "by_position_pa": 2e-12,
     "by_time_m_s": 1e-6,
@@ -51,29 +53,31 @@ _ROUNDING = {
     "by_electron_content_m": 1e-9,
     "mean_by_position_pa": 2e-12,
 }
-"""Rounding of the partials themselves, which no interpolation can undercut."""
-_MAX_POSITION_TOLERANCE = 1e-9  # of a partial by position, m/m: over 10 km it moves the value by 0.01 mm
-_NEGLIGIBLE_FRACTION = 1e-3  # of the deviation allowed: sum of the last coefficients that are dropped
-_MIN_MARGIN_RAD = np.radians(0.05)  # nearer a limit, an elevation may cross it between nodes or 10 km away
-_SPIN_RAD_S = 7.3e-5
+"""Rounding errors of the partials, a lower limit of tolerances."""
+_MAX_POSITION_TOLERANCE = 1e-9  # of a partial by position, m/m: 0.01 mm of the value over 10 km
+_NEGLIGIBLE_FRACTION = 1e-3  # of the tolerance: sum of the last coefficients that are dropped
+_MIN_MARGIN_RAD = np.radians(
+    0.05
+)  # to limits of elevation; smaller ones may be crossed between nodes or 10 km away
+_EARTH_ROTATION_RAD_S = 7.3e-5
 
 
 @dataclass(frozen=True, slots=True)
 class Segments:
-    """Pieces of series."""
+    """Segments of series."""
 
-    begin: NDArray[np.intp]  # first place of its observations in the order of the series
-    end: NDArray[np.intp]  # and the place after the last
-    degree: NDArray[np.intp]  # of its polynomial
+    begin: NDArray[np.intp]  # place of the first observation in the order of the series
+    end: NDArray[np.intp]  # place after the last observation
+    degree: NDArray[np.intp]  # of the polynomial
     middle: Epochs  # TAI
-    half_s: Floats  # half of its length: its first and last observation are this far away
+    half_s: Floats  # half of the length
 
     def __len__(self) -> int:
         return len(self.begin)
 
 
 class DenseSeries:
-    """The observations in order of series and time; conditions that the model does not use may vary within a series."""
+    """Observations in order of series and time; conditions that the model does not use may vary in a series."""
 
     def __init__(self, model: PhysicalModel, observations: Observations, more_partials: bool = False) -> None:
         self._observations = observations
@@ -86,33 +90,33 @@ class DenseSeries:
         self._code, self._elapsed_s = code[self.order], elapsed_s[self.order]
 
     def segments(self) -> Segments:
-        """Segments of all pieces that hold enough observations; what they leave out is sparse."""
-        return self._made(list(self._pieces()))
+        """Return segments of all pieces with enough observations."""
+        return self._segments_of(list(self._pieces()))
 
     def divided(self, segments: Segments) -> Segments:
-        """Four parts of each segment, or two; those that would hold too few observations are left out."""
+        """Return four parts of each segment, or two; parts with too few observations are dropped."""
         pieces: list[tuple[int, int]] = []
-        many = 4 * least_observations(DEGREE_BY_LENGTH_S[-1][1])
+        min_count = 4 * min_observation_count(DEGREE_BY_LENGTH_S[-1][1])
         for begin, end in zip(segments.begin.tolist(), segments.end.tolist(), strict=True):
-            # By quarters what has to be fine is found in fewer steps, by halves sparse series keep their segments.
-            pieces += self._even(begin, end, 4 if end - begin >= many else 2)
-        return self._made(pieces)
+            # Quarters need fewer steps for short segments; halves retain segments of sparse series.
+            pieces += self._even(begin, end, 4 if end - begin >= min_count else 2)
+        return self._segments_of(pieces)
 
     def observations_at(
         self, segments: Segments, points: Callable[[int], Floats]
     ) -> tuple[Observations, NDArray[np.intp]]:
-        """Observations of each segment's series at the `points` of its degree, -1 to 1, and the segment of each."""
-        at = [points(degree) for degree in segments.degree.tolist()]
-        of_point = np.repeat(np.arange(len(segments)), [len(x) for x in at])
-        shift_s = segments.half_s[of_point] * np.concatenate([[], *at])
+        """Return observations of each segment's series at the `points` of its degree, -1 to 1, and their segments."""
+        places = [points(degree) for degree in segments.degree.tolist()]
+        of_point = np.repeat(np.arange(len(segments)), [len(x) for x in places])
+        shift_s = segments.half_s[of_point] * np.concatenate([[], *places])
         series = self._observations.select(self.order[segments.begin[of_point]])
         return replace(series, epoch=tai_to_utc(segments.middle[of_point].shifted(shift_s))), of_point
 
-    def place(self, segments: Segments) -> tuple[NDArray[np.int32], Floats]:
-        """Segment of each observation, -1 where there is none, and where it lies in it, -1 to 1; shapes (n,)."""
+    def segments_of_rows(self, segments: Segments) -> tuple[NDArray[np.int32], Floats]:
+        """Return the segment of each observation, or -1, and its place in the segment, -1 to 1; shapes (n,)."""
         n = len(self.order)
         segment, x = np.full(n, -1, dtype=np.int32), np.zeros(n)
-        # Segment by segment: the time within it keeps its digits however long the arc is.
+        # Times relative to each segment keep their digits in long arcs.
         for k in range(len(segments)):
             rows = self.order[segments.begin[k] : segments.end[k]]
             days = (self._tai.jd[rows] - segments.middle.jd[k]) + (
@@ -123,10 +127,10 @@ class DenseSeries:
         return segment, x
 
     def _pieces(self) -> Iterator[tuple[int, int]]:
-        """Pieces without a gap in one quarter of a day, divided evenly."""
+        """Yield pieces without a gap in a quarter of a day, divided evenly."""
         if not len(self.order):
             return
-        longest_s = DEGREE_BY_LENGTH_S[-1][0]
+        max_length_s = DEGREE_BY_LENGTH_S[-1][0]
         quarter = self._quarter[self.order]
         gap = np.diff(self._elapsed_s) > MAX_GAP_S
         cuts = np.flatnonzero((np.diff(self._code) != 0) | (np.diff(quarter) != 0) | gap) + 1
@@ -134,27 +138,27 @@ class DenseSeries:
         for begin, end in itertools.pairwise(bounds):
             # Ramps have corners.
             ramped = self._observations.ramped[self.order[begin]]
-            if ramped or end - begin < least_observations(DEGREE_BY_LENGTH_S[0][1]):
+            if ramped or end - begin < min_observation_count(DEGREE_BY_LENGTH_S[0][1]):
                 continue
             length_s = self._elapsed_s[end - 1] - self._elapsed_s[begin]
-            yield from self._even(begin, end, max(1, int(np.ceil(length_s / longest_s))))
+            yield from self._even(begin, end, max(1, int(np.ceil(length_s / max_length_s))))
 
     def _even(self, begin: int, end: int, count: int) -> Iterator[tuple[int, int]]:
-        """Parts of equal length in time."""
+        """Yield parts of equal duration."""
         elapsed_s = self._elapsed_s[begin:end]
         edges_s = elapsed_s[0] + (elapsed_s[-1] - elapsed_s[0]) * np.arange(1, count) / count
         inner = begin + np.searchsorted(elapsed_s, edges_s)
         return itertools.pairwise([begin, *inner.tolist(), end])
 
-    def _made(self, pieces: list[tuple[int, int]]) -> Segments:
-        """Segments of pieces that hold enough observations, at more than one instant."""
+    def _segments_of(self, pieces: list[tuple[int, int]]) -> Segments:
+        """Return segments of pieces with enough observations, at different instants."""
         begin, end = np.array([(b, e) for b, e in pieces if e > b], dtype=np.intp).reshape(-1, 2).T
         length_s = self._elapsed_s[end - 1] - self._elapsed_s[begin]
         lengths_s, degrees = np.array(DEGREE_BY_LENGTH_S).T
-        # A longest segment may be longer by the rounding of its ends.
-        which = np.minimum(np.searchsorted(lengths_s, length_s), len(lengths_s) - 1)
-        degree = degrees.astype(np.intp)[which]
-        keep = (end - begin >= least_observations(degree)) & (length_s > 0.0)
+        # The longest segments may be longer by the rounding of their ends.
+        index = np.minimum(np.searchsorted(lengths_s, length_s), len(lengths_s) - 1)
+        degree = degrees.astype(np.intp)[index]
+        keep = (end - begin >= min_observation_count(degree)) & (length_s > 0.0)
         begin, end, degree = begin[keep], end[keep], degree[keep]
         first, last = self._tai[self.order[begin]], self._tai[self.order[end - 1]]
         half_s = 0.5 * last.seconds_since(first)
@@ -163,65 +167,65 @@ class DenseSeries:
 
 @cache
 def nodes(degree: int) -> Floats:
-    """Roots of the Chebyshev polynomial of the next degree, where a polynomial of this degree is fixed."""
+    """Return the nodes of a polynomial of a degree: roots of the Chebyshev polynomial of the next degree."""
     return np.cos(np.pi * (np.arange(degree + 1) + 0.5) / (degree + 1))
 
 
 @cache
 def check_points(degree: int) -> Floats:
-    """Both ends and three of the extremes between the nodes: where interpolation is worst."""
+    """Return both ends and three extremes between the nodes, the places of the largest interpolation errors."""
     extremes = np.round(np.linspace(0, degree + 1, CHECK_POINT_COUNT))
     return np.cos(np.pi * extremes / (degree + 1))
 
 
-def least_observations(degree: Any) -> Any:
-    """From how many observations on a segment is worth interpolating."""
+def min_observation_count(degree: Any) -> Any:
+    """Return the smallest number of observations of an interpolated segment."""
     return MIN_OBSERVATIONS_PER_POINT * (degree + 1 + CHECK_POINT_COUNT)
 
 
 def series_codes(
     model: PhysicalModel, observations: Observations, more_partials: bool = False
 ) -> NDArray[np.int64]:
-    """Return the number of each observation's series, within which recorded columns agree that the model uses, (n,)."""
-    free = set(_FREE_IN_A_SERIES)
+    """Return the index of each observation's series, with equal values of the columns that the model uses, (n,)."""
+    ignored = set(_FREE_IN_A_SERIES)
     media = {medium.name: medium for medium in model.media}
     foreign = bool(set(media) - {"troposphere", "ionosphere", "antenna_axis_offset"})
-    # Partials by the electron content need the frequencies whether or not a content is modelled.
+    # Partials by the electron content always need the frequencies.
     frequencies = more_partials or (
         "ionosphere" in media and (model.ionosphere is not None or model.media_calibrations is not None)
     )
     if not (frequencies or foreign):
-        free.add("uplink_hz")
+        ignored.add("uplink_hz")
     if not ("troposphere" in media or foreign):
-        free.update(_WEATHER)
+        ignored.update(_WEATHER)
     code = observations.link.astype(np.int64)
     for field in fields(observations):
-        if field.name not in free:
+        if field.name not in ignored:
             code = _folded(code, getattr(observations, field.name))
     return code
 
 
 def _folded(code: NDArray[np.int64], column: NDArray[np.generic]) -> NDArray[np.int64]:
-    """Codes that differ where the column does too."""
+    """Return codes that also differ where a column differs."""
     if not len(code):
         return code
-    # As a rule a column has one value in each series, which asks for no sorting.
+    # A column that is constant in each series, the usual case, needs no sorting.
     sample = np.zeros(int(code.max()) + 1, dtype=np.intp)
     sample[code] = np.arange(len(code))
     typical = column[sample][code]
-    same = column == typical
+    equal = column == typical
     if column.dtype.kind == "f":
-        same |= np.isnan(column) & np.isnan(typical)
-    if same.all():
+        equal |= np.isnan(column) & np.isnan(typical)
+    if equal.all():
         return code
     values, number = np.unique(column, return_inverse=True)
     return np.unique(code * len(values) + number, return_inverse=True)[1].astype(np.int64)
 
 
 def _ordered(code: NDArray[np.int64], elapsed_s: Floats) -> NDArray[np.intp]:
-    """Order by series, within it by time, within equal times as given."""
+    """Return the order by series and time; equal times keep their order."""
     small = len(code) == 0 or int(code.max()) < 2**16
-    # Of 16-bit integers NumPy's stable sort is a radix sort.
+    # NumPy's stable sort of 16-bit integers is a radix sort.
     order = np.argsort(code.astype(np.uint16) if small else code, kind="stable")
     back = np.diff(elapsed_s[order]) < 0.0
     if (back & (np.diff(code[order]) == 0)).any():
@@ -229,11 +233,11 @@ def _ordered(code: NDArray[np.int64], elapsed_s: Floats) -> NDArray[np.intp]:
     return order
 
 
-Layout = dict[str, tuple[slice, tuple[int, ...]]]  # each column's place among the quantities, shape of rows
+Layout = dict[str, tuple[slice, tuple[int, ...]]]  # slice of the quantities and shape of rows of each column
 
 
 def layout(computed: Computed) -> Layout:
-    """How columns are laid out as quantities; partials by motion follow from those by position."""
+    """Return the layout of columns as quantities; partials by motion follow from those by position."""
     places, end = {}, 0
     for field in fields(Computed):
         if field.name not in ("status", "by_motion"):
@@ -244,21 +248,21 @@ def layout(computed: Computed) -> Layout:
 
 
 def stacked(computed: Computed) -> Floats:
-    """Columns as quantities, shape (width, n)."""
+    """Return columns as quantities, shape (width, n)."""
     n = len(computed.value_m)
     columns = [(getattr(computed, name), shape) for name, (_, shape) in layout(computed).items()]
     return np.concatenate([column.reshape(n, math.prod(shape)).T for column, shape in columns])
 
 
 def unstacked(quantities: Floats, places: Layout, status: NDArray[np.int8]) -> Computed:
-    """Quantities (width, n) as columns, without copying."""
+    """Return quantities (width, n) as columns, without copies."""
     n = quantities.shape[1]
     columns = {name: quantities[place].T.reshape(n, *shape) for name, (place, shape) in places.items()}
     return Computed(**columns, status=status, by_motion=columns["by_position_pa"])
 
 
 def first_nodes(degree: NDArray[np.intp]) -> NDArray[np.intp]:
-    """Row of the first node of each segment; with that after the last of all."""
+    """Return the row of the first node of each segment, and the row after the last node."""
     return np.concatenate([[0], np.cumsum(degree + 1)])
 
 
@@ -268,13 +272,13 @@ def polynomials(degree: NDArray[np.intp], at_nodes: Floats, places: Layout) -> t
     middle, series = np.empty((len(degree), size)), np.zeros((len(degree), size, MAX_COEFFICIENTS))
     for n, of_degree, rows in _by_degree(degree):
         values = np.moveaxis(at_nodes[:, rows].reshape(size, -1, n + 1), 0, 1)
-        # Without its value in the middle, a range keeps its digits in the sums.
-        middle[of_degree] = here = values[..., n // 2]
-        series[of_degree, :, : n + 1] = (values - here[..., None]) @ _to_chebyshev(n)
-    negligible = _NEGLIGIBLE_FRACTION * _allowed(np.abs(middle).T, places).T
+        # Differences from the value in the middle keep their digits in the sums.
+        middle[of_degree] = centre = values[..., n // 2]
+        series[of_degree, :, : n + 1] = (values - centre[..., None]) @ _to_chebyshev(n)
+    negligible = _NEGLIGIBLE_FRACTION * _tolerances(np.abs(middle).T, places).T
     negligible[:, places["value_m"][0]] = 0.0
-    rest = np.abs(series) @ np.tri(MAX_COEFFICIENTS)  # of each coefficient and those after it
-    np.copyto(series, 0.0, where=rest < negligible[..., None])
+    tail_sum = np.abs(series) @ np.tri(MAX_COEFFICIENTS)  # of each coefficient and those after it
+    np.copyto(series, 0.0, where=tail_sum < negligible[..., None])
     powers = series @ _to_powers()
     powers[..., -1] += middle
     return powers, series
@@ -283,9 +287,9 @@ def polynomials(degree: NDArray[np.intp], at_nodes: Floats, places: Layout) -> t
 def compare(
     degree: NDArray[np.intp], nodes: ExactPredictor, checks: ExactPredictor, motions: Motions
 ) -> tuple[NDArray[np.bool_], Floats]:
-    """Which segments agree with the model at their check points, (m,), and how far each quantity deviates, (m, width).
+    """Return whether segments agree with the model at their check points, (m,), and the deviations, (m, width).
 
-    Nodes and check points follow segment after segment; what comes after the nodes is not looked at.
+    Nodes and check points are in the order of the segments; rows after the nodes are ignored.
     """
     m, n_nodes = len(degree), int((degree + 1).sum())
     at_nodes, at_checks = nodes.compute(motions).rows(slice(n_nodes)), checks.compute(motions)
@@ -293,41 +297,44 @@ def compare(
     size = len(values)
     model = np.moveaxis(stacked(at_checks).reshape(size, m, CHECK_POINT_COUNT), 0, 1)
     coefficients, series = polynomials(degree, values, places)
-    good, deviation = np.ones(m, dtype=bool), np.zeros((m, size))
-    # Elevations have to stay away from limits; what is integrated ends elsewhere than its tag says.
+    accepted, deviation = np.ones(m, dtype=bool), np.zeros((m, size))
+    # Elevations need a margin to limits, which includes the motion in half of a count interval.
     limits_rad = {0.0}.union(*(medium.limits_rad for medium in nodes.model.media))
     count_s = np.nan_to_num(checks.observations.count_s[::CHECK_POINT_COUNT])
-    margin_rad = _MIN_MARGIN_RAD + _SPIN_RAD_S * count_s
+    margin_rad = _MIN_MARGIN_RAD + _EARTH_ROTATION_RAD_S * count_s
     for n, of_degree, rows in _by_degree(degree):
-        mine = coefficients[of_degree]
-        here = np.abs(model[of_degree] - _evaluate(mine, check_points(n))).max(axis=-1)
-        deviation[of_degree] = here
+        selected = coefficients[of_degree]
+        largest_deviation = np.abs(model[of_degree] - _evaluate(selected, check_points(n))).max(axis=-1)
+        deviation[of_degree] = largest_deviation
         largest = np.abs(values[:, rows].reshape(size, -1, n + 1)).max(axis=-1)
         tail = np.abs(series[of_degree, :, n - 1 : n + 1]).sum(axis=-1)
-        agrees = _allowed(largest, places) >= np.maximum(here, tail).T
+        agrees = _tolerances(largest, places) >= np.maximum(largest_deviation, tail).T
         content = places["by_electron_content_m"][0]
-        agrees[content] |= np.isnan(largest[content])  # of signals whose frequency is not recorded
-        good[of_degree] &= agrees.all(axis=0)
-        # The elevations between the nodes stay on one side of every limit, so that the status is that of the nodes.
+        agrees[content] |= np.isnan(largest[content])  # signals without recorded frequency
+        accepted[of_degree] &= agrees.all(axis=0)
+        # Elevations between the nodes are on the same side of all limits, so that the status is that of the nodes.
         grid = np.linspace(-1.0, 1.0, 4 * n + 1)
-        elevation_rad = _evaluate(mine[:, places["elevation_rad"][0]], grid)
+        elevation_rad = _evaluate(selected[:, places["elevation_rad"][0]], grid)
         for limit_rad in limits_rad:
-            clear = elevation_rad - limit_rad
-            side = np.sign(clear[:, :, :1])
-            good[of_degree] &= (clear * side > margin_rad[of_degree, None, None]).all(axis=(1, 2))
+            distance_rad = elevation_rad - limit_rad
+            side = np.sign(distance_rad[:, :, :1])
+            accepted[of_degree] &= (distance_rad * side > margin_rad[of_degree, None, None]).all(axis=(1, 2))
     # All points of a segment have the same status, and the same source of Earth orientation.
     first = first_nodes(degree)[:-1]
     predicted = nodes.predicted_eop[:n_nodes], checks.predicted_eop
     of_node, of_check = np.repeat(np.arange(m), degree + 1), np.repeat(np.arange(m), CHECK_POINT_COUNT)
     at_first = np.column_stack([at_nodes.status, predicted[0]])[first]
-    for at, points, of_point in ((at_nodes, predicted[0], of_node), (at_checks, predicted[1], of_check)):
-        differs = np.column_stack([at.status, points]) != at_first[of_point]
-        good[of_point[differs.any(axis=1)]] = False
-    return good, deviation
+    for computed, points, of_point in (
+        (at_nodes, predicted[0], of_node),
+        (at_checks, predicted[1], of_check),
+    ):
+        differs = np.column_stack([computed.status, points]) != at_first[of_point]
+        accepted[of_point[differs.any(axis=1)]] = False
+    return accepted, deviation
 
 
 def _by_degree(degree: NDArray[np.intp]) -> Iterator[tuple[int, NDArray[np.intp], NDArray[np.intp]]]:
-    """Each degree, its segments and their nodes."""
+    """Yield each degree, its segments and their nodes."""
     of_node = np.repeat(degree, degree + 1)
     for n in np.unique(degree):
         yield int(n), np.flatnonzero(degree == n), np.flatnonzero(of_node == n)
@@ -335,7 +342,7 @@ def _by_degree(degree: NDArray[np.intp]) -> Iterator[tuple[int, NDArray[np.intp]
 
 @cache
 def _to_chebyshev(degree: int) -> Floats:
-    """Matrix from values at the nodes to Chebyshev coefficients."""
+    """Return the matrix from values at the nodes to Chebyshev coefficients."""
     matrix = chebyshev.chebvander(nodes(degree), degree) * (2.0 / (degree + 1))
     matrix[:, 0] *= 0.5
     return np.asarray(matrix)
@@ -343,7 +350,7 @@ def _to_chebyshev(degree: int) -> Floats:
 
 @cache
 def _to_powers() -> Floats:
-    """Matrix from Chebyshev coefficients to those of powers, descending."""
+    """Return the matrix from Chebyshev coefficients to those of powers, descending."""
     matrix = np.zeros((MAX_COEFFICIENTS, MAX_COEFFICIENTS))
     for k, unit in enumerate(np.eye(MAX_COEFFICIENTS)):
         matrix[k, MAX_COEFFICIENTS - 1 - k :] = chebyshev.cheb2poly(unit)[::-1]
@@ -351,20 +358,20 @@ def _to_powers() -> Floats:
 
 
 def _evaluate(coefficients: Floats, x: Floats) -> Floats:
-    """Polynomials at the same places of all segments, shape (m, n_quantities, len(x))."""
+    """Return polynomials at the same places of all segments, shape (m, n_quantities, len(x))."""
     return np.asarray(polynomial.polyval(x, np.moveaxis(coefficients[..., ::-1], -1, 0)))
 
 
-def _allowed(size: Floats, places: Layout) -> Floats:
-    """Deviations allowed at check points, from the largest sizes of the quantities at the nodes; shapes (width, m)."""
-    allowed = np.full_like(size, PARTIAL_TOLERANCE / SAFETY_FACTOR)
-    allowed[places["value_m"][0]] = VALUE_TOLERANCE_M / SAFETY_FACTOR
+def _tolerances(size: Floats, places: Layout) -> Floats:
+    """Return tolerances at check points from the largest sizes of the quantities at the nodes; shapes (width, m)."""
+    tolerances = np.full_like(size, PARTIAL_TOLERANCE / SAFETY_FACTOR)
+    tolerances[places["value_m"][0]] = VALUE_TOLERANCE_M / SAFETY_FACTOR
     for name, rounding in _ROUNDING.items():
         place, _ = places[name]
         if name == "by_position_pa":
             relative = PARTIAL_TOLERANCE / SAFETY_FACTOR * np.linalg.norm(size[place], axis=0)
-            allowed[place] = np.clip(relative, rounding, _MAX_POSITION_TOLERANCE)
+            tolerances[place] = np.clip(relative, rounding, _MAX_POSITION_TOLERANCE)
         else:
             relative = PARTIAL_TOLERANCE / SAFETY_FACTOR * size[place].max(axis=0, initial=0.0)
-            allowed[place] = np.maximum(relative, rounding)
-    return allowed
+            tolerances[place] = np.maximum(relative, rounding)
+    return tolerances

@@ -1,11 +1,11 @@
-"""Group delays in equipment that the data still contain: of the stations on the ground, of the point's transponder.
+"""Group delays of equipment in the data: of stations, and of the target's transponder.
 
-A time tag and a time of flight are read by a clock; the light path is between reference points. A station's *transmit
-delay* is from the clock to the reference point on the way out, its *receive delay* from there to the clock on the way
-in. So a signal tagged with its transmission leaves the reference point the transmit delay after the tag, and one tagged
-with its reception arrives there the receive delay before it; the time of flight by the clock contains both. With no
-delay given, tags and values are those at the reference point. A tag that names the bounce is of no station's clock and
-is not moved.
+A clock reads time tags and times of flight, but the light path is between reference points. A station's *transmit
+delay* is from the clock to the reference point of the outgoing signal, its *receive delay* from the reference point to
+the clock. A signal tagged with its transmission leaves the reference point later than the tag by the transmit delay,
+and a signal tagged with its reception arrives there earlier by the receive delay. The time of flight contains both.
+Without delays, tags and values refer to the reference point. A tag of the bounce does not refer to a clock of a station
+and is unchanged.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from numpy.typing import NDArray
 
 from radioloc.earth.stations import StationCatalogue
 from radioloc.errors import InputError, StationError
-from radioloc.measurements.light_path import RECEIVE, TRANSMIT, halves
+from radioloc.measurements.light_path import RECEIVE, TRANSMIT, split_ends
 from radioloc.quantities import convert_fields
 from radioloc.vectors import Floats
 
-MAX_DELAY_S = 1e-3  # real equipment has microseconds; motions are straight for a millisecond
+MAX_DELAY_S = 1e-3  # delays of real equipment are microseconds; motions are straight for a millisecond
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,12 +32,12 @@ class StationDelay:
     Parameters
     ----------
     transmit_s, receive_s : float or None
-        On the way out and on the way in, s; ``None`` says nothing, and counts as zero.
+        Delays of the outgoing and the incoming signal, s; ``None``, unstated, counts as zero.
 
     Raises
     ------
     InputError
-        A delay is not from 0 to 1 ms.
+        A delay is outside of 0 to 1 ms.
     """
 
     transmit_s: float | None = None
@@ -51,29 +51,29 @@ class StationDelay:
 
 @dataclass(frozen=True, slots=True)
 class PathDelays:
-    """Delays of equipment on each of n paths, s."""
+    """Delays of equipment on n paths, s."""
 
-    hold_s: Floats  # how long the point holds the signal
-    after_tag_s: Floats  # how long after the tag the event happens at the reference point
-    in_value_s: Floats  # all that the value contains beside the two legs
+    hold_s: Floats  # of the transponder
+    after_tag_s: Floats  # from the tag to the event at the reference point
+    in_value_s: Floats  # total in the value beside the two legs
     transmit_s: Floats  # from the transmitter's clock to its reference point
 
 
 @dataclass(frozen=True, slots=True)
 class EquipmentDelays:
-    """Delays that are in the data and are to be modelled.
+    """Delays of equipment that the data contain.
 
     Parameters
     ----------
     transponder_s : float or None
-        How long the point's transponder holds the signal of a range or of Doppler, s; ``None`` says nothing.
+        Hold of the target's transponder for ranges and Doppler, s; ``None`` is unstated.
     stations : mapping of str to StationDelay
-        By the catalogue's names of the stations (:meth:`named` makes aliases these).
+        Delays by the catalogue's names of the stations (:meth:`with_catalogue_names` converts aliases).
 
     Raises
     ------
     InputError
-        A delay is not from 0 to 1 ms.
+        A delay is outside of 0 to 1 ms.
     """
 
     transponder_s: float | None = None
@@ -83,33 +83,30 @@ class EquipmentDelays:
         convert_fields(self)
         _require_delay("transponder_delay_s", self.transponder_s)
 
-    def named(self, catalogue: StationCatalogue) -> EquipmentDelays:
-        """The same under the catalogue's names; a StationError where one is not in it, or has two names here."""
-        found: dict[str, StationDelay] = {}
+    def with_catalogue_names(self, catalogue: StationCatalogue) -> EquipmentDelays:
+        """Return the delays by the catalogue's names; raise a StationError for unknown or duplicate stations."""
+        stations: dict[str, StationDelay] = {}
         for name, delay in self.stations.items():
             try:
                 station = catalogue.get(name).name
             except StationError as error:
                 raise StationError(f"station_delay_s: {error}") from None
-            if station in found:
-                raise StationError(
-                    f"station_delay_s: {name} is another name of {station}, which has its delays"
-                )
-            found[station] = delay
-        return EquipmentDelays(self.transponder_s, found)
+            if station in stations:
+                raise StationError(f"station_delay_s: {name} duplicates {station}; remove one of them")
+            stations[station] = delay
+        return EquipmentDelays(self.transponder_s, stations)
 
     def on_paths(
         self,
         stations: Sequence[str],
-        which: NDArray[np.int32],
+        station_index: NDArray[np.int32],
         tag: NDArray[np.int8],
         sign: Floats,
         terms: frozenset[str],
     ) -> PathDelays:
-        """What the delays do to paths between stations, whose names are the catalogue's, with some active terms.
+        """Return the delays on paths for the active terms; `station_index` has all first and then all second ends.
 
-        `which` are all first stations and then all second ones; `tag` and `sign` are those of
-        :func:`~radioloc.measurements.light_path.solve_light_path`.
+        `tag` and `sign` are those of :func:`~radioloc.measurements.light_path.solve_light_path`.
         """
         hold_s, by_station_s = np.zeros(len(tag)), np.zeros((len(stations), 2))
         if "transponder_delay" in terms and self.transponder_s is not None:
@@ -118,8 +115,8 @@ class EquipmentDelays:
             for k, name in enumerate(stations):
                 delay = self.stations.get(name, StationDelay())
                 by_station_s[k] = delay.transmit_s or 0.0, delay.receive_s or 0.0
-        transmitter, receiver = halves(which)
-        # The first station's arrival comes at its reference point before the tag, and is taken off the difference.
+        transmitter, receiver = split_ends(station_index)
+        # The arrival at the reference point of the first station precedes the tag, and reduces the difference.
         transmit_s, receive_s = by_station_s[transmitter].T
         first_s = np.where(sign > 0.0, transmit_s, np.where(sign < 0.0, -receive_s, 0.0))
         second_s = by_station_s[receiver, 1]
@@ -131,4 +128,4 @@ class EquipmentDelays:
 
 def _require_delay(key: str, delay_s: float | None) -> None:
     if delay_s is not None and not 0.0 <= delay_s <= MAX_DELAY_S:
-        raise InputError(f"{key}: {delay_s!r} is no delay of equipment; give seconds, 0 to {MAX_DELAY_S:g}")
+        raise InputError(f"{key}: expected 0 to {MAX_DELAY_S:g} s, got {delay_s!r}")

@@ -1,4 +1,4 @@
-"""Which evaluation an arc gets: every observation computed by itself, or dense series interpolated."""
+"""Choice between the computation of each observation and the interpolation of dense series."""
 
 from __future__ import annotations
 
@@ -13,52 +13,57 @@ from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.registry import is_combined
-from radioloc.measurements.target_motion import GivenMotions, as_motions
+from radioloc.measurements.target_motion import MotionsLike, as_motions
 
-EVALUATIONS = ("auto", "exact", "interpolated")  # how an arc can be evaluated
+EVALUATIONS = ("auto", "exact", "interpolated")
 
-_MIN_INTERPOLATED_COUNT = 5000  # fewer are computed in a second, about as long as loading compiled code takes
+_MIN_INTERPOLATED_COUNT = 5000  # fewer are computed in a second, about the time to load compiled code
 
 
 def prepare_predictor(
     model: PhysicalModel,
     observations: Observations,
-    motions: GivenMotions,
+    motions: MotionsLike,
     evaluation: str = "auto",
     targets: Sequence[str] = (),
     more_partials: bool = False,
 ) -> Predictor:
-    """Prepare the observations of one arc for predictions.
+    """Prepare the observations of an arc for predictions.
 
     Parameters
     ----------
     model : PhysicalModel
+        Kernels, tables and active terms.
     observations : Observations
-        Epochs, paths, conditions; the measured values are not looked at.
+        Epochs, paths and conditions; measured values are not used.
     motions : TargetMotion, LunarPosition or trajectory, or a sequence of them
-        Motions of the targets, in the order of their names: positions within some hundred kilometres of points fixed to
-        the Moon (:class:`~radioloc.measurements.FixedPoint` takes principal axes), and trajectories of spacecraft. A
-        trajectory has to hold the time tags and the instants at which signals meet the spacecraft.
+        Motions of the targets in the order of their names: positions on the Moon, to some hundred kilometres
+        (:class:`~radioloc.measurements.FixedPoint` has principal axes), and trajectories of spacecraft. A trajectory
+        must cover the time tags and the instants at which signals meet the spacecraft.
     evaluation : {"auto", "exact", "interpolated"}
-        ``"exact"`` computes every observation by itself; ``"interpolated"`` interpolates series wherever that takes
-        less computing, within 0.09 mm of the exact values; ``"auto"`` does so from some thousand observations on, if
-        most of them belong to dense series. Observations of spacecraft are computed by themselves, as the Moon can hide
-        them between any two nodes.
+        ``"exact"`` computes each observation; ``"interpolated"`` interpolates dense series, within 0.09 mm of the exact
+        values; ``"auto"`` does so from some thousand observations on, if most belong to dense series. Observations of
+        spacecraft are always computed, as the Moon can hide them between nodes.
     targets : sequence of str
-        Names of the targets, where there are several.
+        Names of several targets; empty for a single target.
     more_partials : bool
-        Whether partials by the stations' places and by the electron content above them are computed as well, as
-        :class:`~radioloc.measurements.predictor.Computed` says.
+        Whether to compute partials by station positions and electron contents
+        (:class:`~radioloc.measurements.predictor.Computed`).
+
+    Returns
+    -------
+    Predictor
+        Prepared arc.
 
     Raises
     ------
     InputError
-        There is no such evaluation, or none of a trajectory; the trajectory leads too far from the Earth; motions are
-        not one for each target, or an array, which does not state what its numbers are.
+        The evaluation is unknown, or interpolation is requested for a spacecraft; the trajectory is too far from the
+        Earth; the number of motions differs from that of targets, or a motion is an array.
     StationError
         A station is not in the catalogue; the message names the file and line.
     CoverageError
-        An epoch lies outside the kernels, the trajectory or the Earth orientation table.
+        An epoch is outside of the kernels, the trajectory or the Earth orientation table.
     KernelError
         The trajectory cannot be evaluated.
 
@@ -76,25 +81,21 @@ def prepare_predictor(
     True
     """
     if evaluation not in EVALUATIONS:
-        raise InputError(f"evaluation {evaluation!r} is not one of {', '.join(EVALUATIONS)}")
-    aimed = as_motions(motions, model, targets)
-    flies = any(motion.trajectory is not None for motion in aimed)
-    if flies and evaluation == "interpolated":
-        raise InputError('the tracking of a spacecraft is not interpolated; evaluation is "exact" or "auto"')
+        raise InputError(f"evaluation: expected {', '.join(EVALUATIONS)}, got {evaluation!r}")
+    all_motions = as_motions(motions, model, targets)
+    has_spacecraft = any(motion.trajectory is not None for motion in all_motions)
+    if has_spacecraft and evaluation == "interpolated":
+        raise InputError('evaluation: expected "exact" or "auto" for a spacecraft, got "interpolated"')
     if is_combined(observations.kind).any():
         simple, parts = expanded(observations)
-        inner = prepare_predictor(model, simple, aimed, evaluation, targets, more_partials)
+        inner = prepare_predictor(model, simple, all_motions, evaluation, targets, more_partials)
         return CombinedPredictor(observations, parts, inner)
-
-    def exact() -> ExactPredictor:
-        return ExactPredictor(model, observations, aimed, targets, more_partials)
-
     sparse = len(observations) < _MIN_INTERPOLATED_COUNT
-    if evaluation == "exact" or flies or (evaluation == "auto" and sparse):
-        return exact()
-    series = DenseSeries(model, observations, more_partials)
-    if evaluation == "auto":
+    exact = evaluation == "exact" or has_spacecraft or (evaluation == "auto" and sparse)
+    series = None if exact else DenseSeries(model, observations, more_partials)
+    if series is not None and evaluation == "auto":
         segments = series.segments()
-        if int((segments.end - segments.begin).sum()) <= len(observations) // 2:
-            return exact()
-    return ChebyshevPredictor(model, observations, aimed, series, targets, more_partials)
+        exact = int((segments.end - segments.begin).sum()) <= len(observations) // 2
+    if exact:
+        return ExactPredictor(model, observations, all_motions, targets, more_partials)
+    return ChebyshevPredictor(model, observations, all_motions, series, targets, more_partials)

@@ -1,8 +1,8 @@
-"""An arc of tracking: predictions of ranges, VLBI delays and Doppler, with partials.
+"""Predictions of ranges, VLBI delays and Doppler of an arc, with partials.
 
-Targets are points fixed to the Moon, and spacecraft on trajectories (:class:`~radioloc.ephemeris.Trajectory`).
-Values are in metres and by the stations' atomic clocks (TT rate, as UTC has), at the stations' reference points or,
-with delays of equipment (:mod:`~radioloc.measurements.equipment_delays`), at the clocks behind them.
+Targets are points fixed to the Moon, and spacecraft on trajectories (:class:`~radioloc.ephemeris.Trajectory`). Values
+are metres by the stations' atomic clocks (rate of TT and UTC), at the stations' reference points or, with delays of
+equipment (:mod:`~radioloc.measurements.equipment_delays`), at the clocks behind them.
 """
 
 from __future__ import annotations
@@ -10,60 +10,62 @@ from __future__ import annotations
 import numpy as np
 
 from radioloc.constants import C_M_S
-from radioloc.measurements.light_path import LightPath, halves, path_length_partials, twice
+from radioloc.measurements.light_path import LightPath, path_length_partials, split_ends, stack_ends
 from radioloc.measurements.predictor import Computed
 from radioloc.measurements.prepared_paths import PreparedPaths, rows_of
 from radioloc.measurements.ramps import RampTerm, ramp_term
 from radioloc.measurements.registry import is_integrated
 from radioloc.measurements.station_motion import StationMotion
-from radioloc.measurements.target_motion import GivenMotions, partials_of_points
+from radioloc.measurements.target_motion import MotionsLike, partials_of_points
 from radioloc.media.ionosphere import delay_by_content_m
 from radioloc.media.status import first_failure
 from radioloc.vectors import Floats, rotated
 
 
 class ExactPredictor(PreparedPaths):
-    """The observations of one arc, none of them combined, each computed by itself.
+    """Predictor that computes each observation of an arc; combined types are excluded.
 
-    Parameters and errors are those of :func:`prepare_predictor`. ``clock_epoch`` (TDB) is when the clock of a target
-    that transmits by its own reads TT; as a rule at 0h UTC of the first day.
+    Parameters and errors are those of :func:`prepare_predictor`. ``clock_epoch`` (TDB) is the epoch at which the clock
+    of a one-way target reads TT; by default 0h UTC of the first day.
     """
 
-    def at(self, motions: GivenMotions | None = None) -> Computed:
-        """Predict all observations for motions; a ConvergenceError where the light times do not settle."""
-        self._aim(motions)
-        path, relay, views, drag = self._solve()
-        if not (self._ends.point.holds_at(path.ends_s) and self._moon.centre.holds_at(path.bounce_s)):
+    def at(self, motions: MotionsLike | None = None) -> Computed:
+        """Predict all observations for motions; raise a ConvergenceError if light times do not converge."""
+        self._set_motions(motions)
+        path, target, views, drag = self._solve()
+        if not (self._ends.point.is_valid_at(path.ends_s) and self._moon.centre.is_valid_at(path.bounce_s)):
             self._place()
-            path, relay, views, drag = self._solve()
+            path, target, views, drag = self._solve()
         ramp, one_way, tdb_tt = self._ramp(path), self._sign == 0.0, self.model.has("tdb_tt")
-        up, down = self._ends.point.halves()
-        partials = path_length_partials(path, up, relay, down, self._tag, self._sign)
+        up, down = self._ends.point.split_ends()
+        partials = path_length_partials(path, up, target, down, self._tag, self._sign)
         partials = partials.scaled(ramp.scale)
 
-        ahead_s, ahead_rate, ahead_by_place = self._clock.at(self._moon.origin, relay, path.bounce_s)
-        first_ahead_s, second_ahead_s = halves(self._gained_s + self._gained_rate * path.ends_s)
-        gained_s = second_ahead_s - first_ahead_s - ahead_s
-        flight_s = self._sign * path.up_s + (path.down_s + self._equipment.in_value_s) + gained_s
+        clock_s, clock_rate, clock_by_place = self._clock.reading_at(self._moon.origin, target, path.bounce_s)
+        first_clock_s, second_clock_s = split_ends(
+            self._station_clock_s + self._station_clock_rate * path.ends_s
+        )
+        clocks_s = second_clock_s - first_clock_s - clock_s
+        flight_s = self._sign * path.up_s + (path.down_s + self._equipment.in_value_s) + clocks_s
         length_m = C_M_S * flight_s - ramp.excess_m
         if tdb_tt:
-            first_s, second_s = halves(self._ends.tdb_minus_tt_at(path.ends_s))
+            first_s, second_s = split_ends(self._ends.tdb_minus_tt_at(path.ends_s))
             first_s = np.where(one_way, self._geocentric_tdb_minus_tt_s(path.bounce_s), first_s)
             length_m = length_m - C_M_S * (second_s - first_s)
 
-        first_rate, second_rate = halves(self._gained_rate)
-        by_time = partials.by_tag + C_M_S * (second_rate - first_rate - ahead_rate)
+        first_rate, second_rate = split_ends(self._station_clock_rate)
+        by_time = partials.by_tag + C_M_S * (second_rate - first_rate - clock_rate)
         if tdb_tt:
-            # 1e-5 m/s in two-way, but up to 0.1 m/s between two stations, whose velocities differ.
-            first_rate, second_rate = halves(self._ends.tdb_rate)
-            geocentric_rate = halves(self._ends.geocentric_tdb_rate)[0]
+            # 1e-5 m/s for two-way, but up to 0.1 m/s between two stations with different velocities.
+            first_rate, second_rate = split_ends(self._ends.tdb_rate)
+            geocentric_rate = split_ends(self._ends.geocentric_tdb_rate)[0]
             first_rate = np.where(one_way, geocentric_rate, first_rate)
             by_time = by_time - C_M_S * ramp.scale * (second_rate - first_rate)
         by_delay = np.concatenate([partials.by_up_delay, partials.by_down_delay])
         by_media = by_delay * drag
-        by_time = by_time + ramp.by_tag_m_s + np.add(*halves(by_media * views.rate_m_s))
-        by_position = partials.by_position - C_M_S * ahead_by_place
-        by_position = by_position + np.add(*halves(by_media[:, None] * views.by_position))
+        by_time = by_time + ramp.by_tag_m_s + np.add(*split_ends(by_media * views.rate_m_s))
+        by_position = partials.by_position - C_M_S * clock_by_place
+        by_position = by_position + np.add(*split_ends(by_media[:, None] * views.by_position))
         by_position = by_position * (self._target >= 0)[:, None]
         by_position_pa = rotated(np.swapaxes(self._moon.rot_pa_to_icrf, -1, -2), by_position)
 
@@ -98,55 +100,55 @@ class ExactPredictor(PreparedPaths):
         )
 
     def light_path(
-        self, motions: GivenMotions | None = None
+        self, motions: MotionsLike | None = None
     ) -> tuple[LightPath, StationMotion, StationMotion]:
-        """The solved light paths for motions, and both stations near their events.
+        """Return the solved light paths for motions, and the motions of both stations near their events.
 
-        Where observations have a count interval the paths at its starts follow those at its ends.
+        Paths at the starts of count intervals follow those at the ends.
         """
-        self.at(motions)  # places the motions at the events
+        self.at(motions)  # prepares the motions at the events
         n = len(self._tag)
         ends = rows_of(self._ends, slice(n)), rows_of(self._ends, slice(n, None))
         return self._solve()[0], *ends
 
     def _ramp(self, path: LightPath) -> RampTerm:
-        """What ramps of the transmitted frequency do to the paths' values."""
+        """Return the effect of ramps of the transmitted frequency on the values of the paths."""
         paths, n = self._paths, len(self.observations)
         if not paths.ramped.any():
-            return RampTerm.none(len(paths))
-        # The transmitter's clock reads TT, from the epoch that the tag says, or the end of the count.
+            return RampTerm.zeros(len(paths))
+        # Time of transmission by the transmitter's clock (TT) since the time tag, or the end of the count.
         one_way = self._sign == 0.0
         sent_s = np.where(one_way, path.bounce_s, path.transmit_s - self._equipment.transmit_s)
-        at_station_s = halves(self._ends.tdb_minus_tt_at(twice(sent_s)))[0]
-        ahead_s = np.where(one_way, self._geocentric_tdb_minus_tt_s(sent_s), at_station_s)
-        sent_s = sent_s + self._geocentric_tdb_minus_tt_s(0.0 * sent_s) - ahead_s
-        other = np.arange(len(paths))
-        other[self._integrated], other[n:] = other[n:], self._integrated
+        at_station_s = split_ends(self._ends.tdb_minus_tt_at(stack_ends(sent_s)))[0]
+        tdb_minus_tt_s = np.where(one_way, self._geocentric_tdb_minus_tt_s(sent_s), at_station_s)
+        sent_s = sent_s + self._geocentric_tdb_minus_tt_s(0.0 * sent_s) - tdb_minus_tt_s
+        partner = np.arange(len(paths))
+        partner[self._integrated], partner[n:] = partner[n:], self._integrated
         reference_hz = np.where(one_way, 1e6 * C_M_S / paths.wavelength_um, paths.uplink_hz)
         sender = np.array([self._name(link.transmitter or link.target) for link in paths.links])[paths.link]
         sender = np.where(paths.ramped, sender, "")
-        other = np.where(is_integrated(paths.kind), other, -1)
-        return ramp_term(self._frequencies, sender, self._tt, sent_s, other, reference_hz)
+        partner = np.where(is_integrated(paths.kind), partner, -1)
+        return ramp_term(self._frequencies, sender, self._tt, sent_s, partner, reference_hz)
 
     def _geocentric_tdb_minus_tt_s(self, offset_s: Floats) -> Floats:
-        """TDB - TT at the geocentre near the first events."""
-        return halves(self._ends.geocentric_tdb_minus_tt_at(twice(offset_s)))[0]
+        """Return TDB - TT at the geocentre near the first events, s."""
+        return split_ends(self._ends.geocentric_tdb_minus_tt_at(stack_ends(offset_s)))[0]
 
     def _by_motion(self, path: LightPath, by_position: Floats, by_position_pa: Floats) -> Floats:
-        """Partials by the parameters of the motions, (n, p); `by_position_pa` is that of observations, (n, 3)."""
+        """Return partials by the parameters of the motions, (n, p); `by_position_pa` is of observations, (n, 3)."""
         count = len(self.motions)
         if not self.trajectories:
             return partials_of_points(by_position_pa, self.target, count)
-        met = self._reference.shifted(path.bounce_s)
+        bounce = self._reference.shifted(path.bounce_s)
         columns = []
-        for k, motion in enumerate(self._aimed):
+        for k, motion in enumerate(self._restricted_motions):
             paths = slice(None) if count == 1 else np.flatnonzero(self._target == k)
-            moved = motion.position_partials(met[paths])
-            if moved is None:
-                own = by_position_pa if count == 1 else by_position_pa * (self.target == k)[:, None]
-                columns.append(own)
+            of_position = motion.position_partials(bounce[paths])
+            if of_position is None:
+                is_target = (self.target == k)[:, None]
+                columns.append(by_position_pa if count == 1 else by_position_pa * is_target)
                 continue
-            partials = np.einsum("ni,nip->np", by_position[paths], moved)
+            partials = np.einsum("ni,nip->np", by_position[paths], of_position)
             if count > 1:
                 of_all = np.zeros((len(by_position), partials.shape[1]))
                 of_all[paths] = partials
@@ -155,17 +157,17 @@ class ExactPredictor(PreparedPaths):
         return columns[0] if count == 1 else np.hstack(columns)
 
     def _by_stations(self, path: LightPath, by_delay: Floats) -> Floats:
-        """Partials by the ITRF coordinates of both stations, shape (n, 2, 3)."""
+        """Return partials by the ITRF coordinates of both stations, shape (n, 2, 3)."""
         by_place = by_delay[:, None] * np.concatenate([-path.up_unit, path.down_unit])
         if self.model.has("tdb_tt"):
-            # TDB - TT at a station has v_E . r / c^2, 1e-4 of a displacement; in two-way it cancels.
+            # TDB - TT at a station contains v_E . r / c^2, 1e-4 of a displacement, which cancels in two-way values.
             clocks = np.concatenate([self._sign != 0.0, np.full(len(self._sign), -1.0)])
-            by_place = by_place + twice(self._earth.velocity_m_s / C_M_S) * clocks[:, None]
+            by_place = by_place + stack_ends(self._earth.velocity_m_s / C_M_S) * clocks[:, None]
         by_itrf = rotated(np.swapaxes(self._ends.rot_itrf_to_gcrs, -1, -2), by_place)
         return self._observed(np.swapaxes(by_itrf.reshape(2, -1, 3), 0, 1))
 
     def _observed(self, of_paths: Floats, *, mean: bool = False) -> Floats:
-        """From paths to observations: the path itself; of the two of a count interval the difference, or the mean."""
+        """Return values of observations from those of paths: of the path, or the difference or mean over a count."""
         n = len(self.observations)
         out = of_paths[:n].copy()
         late, early = out[self._integrated], of_paths[n:]

@@ -1,4 +1,4 @@
-"""Who transmits, which target answers, who receives; the names under which points on the Moon go."""
+"""Participants of measurements, and the names of reflectors on the Moon."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from radioloc.earth.stations import StationCatalogue, station_name
 from radioloc.errors import InputError
 
-MAX_NAME_LENGTH = 80  # characters of a name of a station or a target, which also names files
+MAX_NAME_LENGTH = 80  # characters of names of stations and targets, which also name files
 _PATH = re.compile(r"(?:([^<>|]+)([<>]))?([^<>|]+)(?:\|([^<>|]+))?>([^<>|]+)")
 _ALIASES = {
     "apollo11": ("apollo 11", "ap11", "a11"),
@@ -25,28 +25,28 @@ _CANONICAL = {alias: name for name, aliases in _ALIASES.items() for alias in (na
 
 @dataclass(frozen=True, slots=True, order=True)
 class Link:
-    """The participants of a measurement.
+    """Participants of a measurement.
 
-    Four forms, written as paths: ``A>target>B``, a signal from station A over the target to station B (two-way where
-    they are the same, else three-way); ``target>B``, the target's own signal, one-way; ``A<target>B``, the target's
-    signal at two stations, a baseline; ``A<first|second>B``, the signals of two targets at a baseline's two stations.
+    Four forms, written as paths: ``A>target>B``, a signal from station A over the target to station B (two-way if the
+    stations are equal, else three-way); ``target>B``, the target's signal, one-way; ``A<target>B``, the target's signal
+    at two stations, a baseline; ``A<first|second>B``, the signals of two targets on a baseline.
 
     Parameters
     ----------
     transmitter : str
-        The first station; empty where there is none (one-way).
+        First station; empty for one-way.
     target, receiver : str
-        Names without spaces at the ends and without ``<``, ``>``, ``|``, ``,``, ``#`` or quotes.
+        Target and last station; names without spaces at the ends and without ``<``, ``>``, ``|``, ``,``, ``#`` or
+        quotes.
     differenced : bool
-        The link is a baseline: both stations receive.
+        Whether the link is a baseline: both stations receive.
     second_target : str
-        The target whose measurement is subtracted; empty as a rule.
+        Target whose measurement is subtracted; empty by default.
 
     Raises
     ------
     InputError
-        A name is empty, too long or holds a character that a path cannot, the link is of none of the four forms, or a
-        baseline has one station only.
+        A name is empty, too long or has an excluded character, the form is invalid, or a baseline has equal stations.
     """
 
     transmitter: str
@@ -61,20 +61,19 @@ class Link:
         for name in names:
             if not name or name != name.strip() or any(c in '<>|,#"' or not c.isprintable() for c in name):
                 raise InputError(
-                    f"{name!r} cannot name a station or a target; "
-                    "give printable text without '<', '>', '|', ',', '#' or quotes"
+                    f"name: expected printable text without '<', '>', '|', ',', '#' or quotes, got {name!r}"
                 )
         if max(map(len, names)) > MAX_NAME_LENGTH:
             longest = max(names, key=len)
-            raise InputError(f"{longest!r} is too long a name; give up to {MAX_NAME_LENGTH} characters")
+            raise InputError(f"name: expected up to {MAX_NAME_LENGTH} characters, got {longest!r}")
         if self.differenced and self.transmitter == self.receiver:
-            raise InputError(f"{self.path} is a baseline of one station; name two")
+            raise InputError(f"{self.path}: expected two different stations of a baseline")
         if (self.differenced and not self.transmitter) or (self.second_target and not self.differenced):
-            raise InputError("a link of a baseline, and only it, has two stations and can have two targets")
+            raise InputError("link: expected two stations for a baseline, and a second target only with it")
 
     @property
     def form(self) -> str:
-        """How the path is written: the form that a measurement type asks for."""
+        """Form of the path, as in :attr:`MeasurementType.form`."""
         if self.second_target:
             return "station1<target1|target2>station2"
         if self.differenced:
@@ -90,45 +89,45 @@ class Link:
 
     @property
     def place(self) -> str:
-        """The receiving station, or the two of a baseline (``SESHAN25–KUNMING``): what groups residuals."""
+        """Receiving station, or both of a baseline (``SESHAN25–KUNMING``), by which residuals are grouped."""
         return f"{self.transmitter}\N{EN DASH}{self.receiver}" if self.differenced else self.receiver
 
     @property
     def stations(self) -> tuple[str, ...]:
-        """The stations at its ends, the first one first; one name where the target itself transmits."""
+        """Names of the first and the last station; a single name for one-way."""
         return (self.transmitter, self.receiver) if self.transmitter else (self.receiver,)
 
     @property
     def reception_signs(self) -> dict[str, float]:
-        """Each station, and the sign of the delay of its reception in the value; 0 where it only transmits."""
+        """Sign of the reception delay of each station in the value; 0 for a transmitter."""
         first = {self.transmitter: -1.0 if self.differenced else 0.0} if self.transmitter else {}
         return first | {self.receiver: 1.0}
 
     @property
     def targets(self) -> tuple[str, ...]:
-        """The target, or the two."""
+        """Names of the target or of both targets."""
         return (self.target, self.second_target) if self.second_target else (self.target,)
 
     @classmethod
     def from_path(cls, path: str) -> Link:
-        """Read a path in one of the four forms.
+        """Parse a path of the four forms.
 
         Raises
         ------
         InputError
-            The text is of none of the forms.
+            The text has another form.
         """
         match = _PATH.fullmatch(path)
         if match is None:
             raise InputError(
-                f"{path!r} is not a path; write it as transmitter>target>receiver, target>receiver, "
-                "station1<target>station2 or station1<target1|target2>station2"
+                "path: expected transmitter>target>receiver, target>receiver, station1<target>station2 or "
+                f"station1<target1|target2>station2, got {path!r}"
             )
         first, arrow, target, second_target, second = (part and part.strip() for part in match.groups())
         return cls(first or "", target, second, arrow == "<", second_target or "")
 
-    def named(self, catalogue: StationCatalogue | None) -> Link:
-        """The same link with canonical names of the targets, and those of the catalogue of stations that it knows."""
+    def with_canonical_names(self, catalogue: StationCatalogue | None) -> Link:
+        """Return the link with canonical names of targets, and the catalogue's names of its stations."""
         target = canonical_target(self.target)
         return replace(
             self,

@@ -1,8 +1,7 @@
-"""Where the target is, seen from the barycentre, near the instant at which a signal meets it.
+"""Barycentric motion of targets near the instants at which signals meet them.
 
-A point fixed to the Moon, or a spacecraft on a known trajectory. The positions of its SPK are coordinates of the BCRS
-in the units of TDB already, so nothing shrinks: the terms of a point on the Moon (``lunar_tide``, ``lunar_scale``,
-``lunar_lorentz``) have no part in them.
+Targets are points fixed to the Moon, or spacecraft. Positions of a spacecraft are coordinates of the BCRS in TDB units
+already, so the terms of points on the Moon (``lunar_tide``, ``lunar_scale``, ``lunar_lorentz``) do not apply.
 """
 
 from __future__ import annotations
@@ -28,12 +27,12 @@ from radioloc.vectors import Floats, dot, length, rotated
 
 Rows = NDArray[np.intp] | slice
 
-_MAX_DISTANCE_M = 2e10  # after the 67 s of light the Earth's motion is no longer a parabola to 0.06 mm
+_MAX_DISTANCE_M = 2e10  # in 67 s of light time the Earth's motion departs from a parabola by 0.06 mm
 
 
 @dataclass(frozen=True, slots=True)
 class LunarMotion:
-    """The Moon near one instant per observation, ready for any point fixed to it, and any spacecraft."""
+    """Motion of the Moon near an instant of each observation, and of spacecraft."""
 
     centre: MovingPoint  # in the BCRS, from the geocentre at the reference epoch
     rot_pa_to_icrf: Floats  # orientation of the principal axes, shape (n, 3, 3)
@@ -43,39 +42,39 @@ class LunarMotion:
     moon_gcrs_m: Floats  # the Moon's centre from the geocentre
     earth_pa_m: Floats  # from the Moon's centre, as the Sun, principal axes
     sun_pa_m: Floats
-    shrinking: Floats  # U/c^2 + L_B - L_G, potential U of Sun and Earth at the Moon's centre
+    length_scale: Floats  # U/c^2 + L_B - L_G, potential U of Sun and Earth at the Moon's centre
     bodies_m: dict[str, Floats]  # Sun and planets, from the geocentre at the reference epoch
-    craft: MovingPoint | None = None  # spacecraft; the Moon's centre where the target is a point
+    craft: MovingPoint | None = None  # spacecraft; the Moon's centre for other targets
     is_craft: NDArray[np.bool_] | None = None  # whether the target is a spacecraft, shape (n,)
 
     @property
     def origin(self) -> MovingPoint:
-        """The Moon's centre, or the craft: what a position is relative to."""
+        """Origin of positions: the Moon's centre, or the spacecraft."""
         return self.centre if self.craft is None else self.craft
 
     def point(self, model: PhysicalModel, lander_pa_m: Floats) -> MovingPoint:
-        """Motion of a point with given principal-axes coordinates, or beside the craft, shape (3,) or (n, 3), m."""
+        """Return the motion of points by principal-axes coordinates, or offsets from spacecraft, (3,) or (n, 3), m."""
         pa_m = np.broadcast_to(lander_pa_m, self.earth_pa_m.shape)
         if self.craft is None or self.is_craft is None:
             return self._on_the_ground(model, lander_pa_m)
-        beside = MovingPoint(
+        flying = MovingPoint(
             self.craft.offset_s,
             self.craft.position_m + rotated(self.rot_pa_to_icrf, pa_m),
             self.craft.velocity_m_s + rotated(self.rot_pa_to_icrf_rate, pa_m),
         )
         if self.is_craft.all():
-            return beside
-        # The tide has no value at the Moon's centre: rows of spacecraft have any other place instead.
-        flies = self.is_craft[:, None]
-        ground = self._on_the_ground(model, np.where(flies, [MEAN_LUNAR_RADIUS_M, 0.0, 0.0], pa_m))
+            return flying
+        # The tide is undefined at the Moon's centre: rows of spacecraft have an arbitrary other place.
+        mask = self.is_craft[:, None]
+        ground = self._on_the_ground(model, np.where(mask, [MEAN_LUNAR_RADIUS_M, 0.0, 0.0], pa_m))
         return MovingPoint(
             self.centre.offset_s,
-            np.where(flies, beside.position_m, ground.position_m),
-            np.where(flies, beside.velocity_m_s, ground.velocity_m_s),
+            np.where(mask, flying.position_m, ground.position_m),
+            np.where(mask, flying.velocity_m_s, ground.velocity_m_s),
         )
 
     def _on_the_ground(self, model: PhysicalModel, lander_pa_m: Floats) -> MovingPoint:
-        """Motion of a point fixed to the Moon, with its tide and in the lengths of barycentric coordinates."""
+        """Return the motion of points fixed to the Moon, with the tide, in barycentric coordinates."""
         pa_m = np.broadcast_to(lander_pa_m, self.earth_pa_m.shape)
         if model.has("lunar_tide"):
             permanent: Literal["included", "removed"] = (
@@ -87,38 +86,38 @@ class LunarMotion:
         r_m = rotated(self.rot_pa_to_icrf, pa_m)
         velocity_m_s = self.centre.velocity_m_s + rotated(self.rot_pa_to_icrf_rate, pa_m)
         v_m_s = self.centre.velocity_m_s
-        seen_m = r_m
+        bcrs_m = r_m
         if model.has("lunar_scale"):
-            seen_m = seen_m - r_m * self.shrinking[:, None]
+            bcrs_m = bcrs_m - r_m * self.length_scale[:, None]
         if model.has("lunar_lorentz"):
-            seen_m = seen_m - v_m_s * (dot(v_m_s, r_m) / (2.0 * C_M_S**2))[:, None]
-        return MovingPoint(self.centre.offset_s, self.centre.position_m + seen_m, velocity_m_s)
+            bcrs_m = bcrs_m - v_m_s * (dot(v_m_s, r_m) / (2.0 * C_M_S**2))[:, None]
+        return MovingPoint(self.centre.offset_s, self.centre.position_m + bcrs_m, velocity_m_s)
 
     def with_craft(
         self, trajectory: AnyTrajectory, model: PhysicalModel, reference: Epochs, rows: Rows = slice(None)
     ) -> LunarMotion:
-        """The same motion of the Moon, with a spacecraft on a trajectory as the target of some rows."""
+        """Return the motion with a spacecraft on a trajectory as the target of some rows."""
         offset_s = self.centre.offset_s[rows]
         position_m, velocity_m_s = trajectory.geocentric(model.ephemeris, reference[rows].shifted(offset_s))
         distance_m = float(length(position_m).max(initial=0.0))
         if distance_m > _MAX_DISTANCE_M:
             raise InputError(
-                f"{trajectory.name} is {distance_m / 1e9:.1f} million km from the Earth; the light path is made for "
-                f"targets within {_MAX_DISTANCE_M / 1e9:.0f} million km"
+                f"{trajectory.name}: expected a target within {_MAX_DISTANCE_M / 1e9:.0f} million km of the Earth, got "
+                f"{distance_m / 1e9:.1f} million km"
             )
         earth_m_s = (self.centre.velocity_m_s - self.geocentric_velocity_m_s)[rows]
         position_m, velocity_m_s = self.geocentre_m[rows] + position_m, earth_m_s + velocity_m_s
         if len(offset_s) == len(self.centre.offset_s):
-            every = np.ones(len(offset_s), dtype=bool)
-            return replace(self, craft=MovingPoint(offset_s, position_m, velocity_m_s), is_craft=every)
+            is_craft = np.ones(len(offset_s), dtype=bool)
+            return replace(self, craft=MovingPoint(offset_s, position_m, velocity_m_s), is_craft=is_craft)
         origin = self.origin
         of_all_m, of_all_m_s = origin.position_m.copy(), origin.velocity_m_s.copy()
-        flies = np.zeros(len(of_all_m), dtype=bool) if self.is_craft is None else self.is_craft.copy()
-        of_all_m[rows], of_all_m_s[rows], flies[rows] = position_m, velocity_m_s, True
-        return replace(self, craft=MovingPoint(origin.offset_s, of_all_m, of_all_m_s), is_craft=flies)
+        is_craft = np.zeros(len(of_all_m), dtype=bool) if self.is_craft is None else self.is_craft.copy()
+        of_all_m[rows], of_all_m_s[rows], is_craft[rows] = position_m, velocity_m_s, True
+        return replace(self, craft=MovingPoint(origin.offset_s, of_all_m, of_all_m_s), is_craft=is_craft)
 
     def geocentric(self, point: MovingPoint, offset_s: Floats) -> tuple[Floats, Floats]:
-        """Geocentric position and velocity of a point on the Moon at an instant nearby, shapes (n, 3)."""
+        """Return geocentric position and velocity of a target at a near instant, shapes (n, 3)."""
         earth_velocity_m_s = self.centre.velocity_m_s - self.geocentric_velocity_m_s
         velocity_m_s = point.velocity_m_s - earth_velocity_m_s
         elapsed_s = (offset_s - point.offset_s)[:, None]
@@ -132,11 +131,10 @@ def lunar_motion(
     offset_s: Floats,
 ) -> LunarMotion:
     """Return the Moon's motion at offsets from the reference epochs (TDB), from the geocentre there."""
-    # Lengths on the Moon are taken as a ruler there would measure them, in the units of TT, like those on the Earth.
-    # Seen from the barycentre they shrink by U/c^2 + L_B - L_G (43 mm of the radius) and along the velocity by the
-    # Lorentz contraction -v (v . r) / (2 c^2), up to 9 mm (IERS Conventions 2010, section 11.1, taken over to the
-    # Moon). The straight motion of a spacecraft in a low lunar orbit (1.6 m/s^2) is wrong by 0.8 micrometres after 1e-3
-    # s, and by 1e-16 m after the nanoseconds for which it is used.
+    # Lengths on the Moon are local lengths in the units of TT, like those on the Earth. In the BCRS they are shorter by
+    # U/c^2 + L_B - L_G (43 mm of the radius) and along the velocity by the Lorentz contraction -v (v . r) / (2 c^2), up
+    # to 9 mm (IERS Conventions 2010, section 11.1, applied to the Moon). The straight motion of a spacecraft in a low
+    # lunar orbit (1.6 m/s^2) has an error of 0.8 micrometres after 1e-3 s, and of 1e-16 m after nanoseconds.
     tdb = reference.shifted(offset_s)
     planets = [body for body in PLANETS_MM if body in model.ephemeris.bodies]
     earth, bodies = model.ephemeris.states(("moon", "sun", *planets), tdb)
@@ -157,6 +155,6 @@ def lunar_motion(
         moon_gcrs_m=moon_m,
         earth_pa_m=np.einsum("nij,nj->ni", rot, -moon_m),
         sun_pa_m=np.einsum("nij,nj->ni", rot, sun_m - moon_m),
-        shrinking=potential / C_M_S**2 + (L_B - L_G),
+        length_scale=potential / C_M_S**2 + (L_B - L_G),
         bodies_m={body: geocentre_m + body_m for body, (body_m, _) in bodies.items()},
     )

@@ -1,7 +1,7 @@
-"""Type of a measurement: the legs of its value, the events that its time tag names, the limits of its value.
+"""Type of a measurement: legs, events of the time tag, and limits of the value.
 
-A value is the speed of light times the time that a signal takes over its legs, read by the clocks at their ends, the
-change of one over a count interval, or a linear combination of such values.
+A value is the speed of light times the travel time of a signal over its legs, by the clocks at their ends, its change
+over a count interval, or a linear combination of such values.
 """
 
 from __future__ import annotations
@@ -15,34 +15,34 @@ from radioloc.measurements.link import Link
 from radioloc.quantities import convert_fields
 
 TIME_TAGS = ("transmit", "receive", "bounce")
-"""Events that an epoch can belong to; :attr:`Observations.tag` holds indices into this."""
+"""Events of time tags; :attr:`Observations.tag` has indices into this tuple."""
 
 
 class Geometry(Enum):
-    """Which legs a value runs over; the value is the form of the path that belongs to it."""
+    """Legs of a measurement; the values are the forms of its path."""
 
     ROUND_TRIP = "transmitter>target>receiver"
     """Up from the first station to the target and down to the second."""
     ONE_WAY = "target>receiver"
-    """Down from the target, whose own clock reads the transmission."""
+    """Down from the target, whose clock reads the transmission."""
     BASELINE = "station1<target>station2"
     """Down from the target to both stations: the second leg less the first, of one wavefront."""
     COMBINED = ""
-    """The legs of the measurements that are combined."""
+    """Legs of the combined measurements."""
 
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """A measurement that another one combines.
+    """Part of a combined measurement.
 
     Parameters
     ----------
     weight : float
-        What its value is multiplied by.
+        Factor of its value.
     type : str
-        Name of its type, which is not combined itself.
+        Name of its type, a simple one.
     link : Link
-        Its participants.
+        Participants.
     """
 
     weight: float
@@ -52,37 +52,37 @@ class Part:
 
 @dataclass(frozen=True, slots=True)
 class MeasurementType:
-    """One type of measurement.
+    """Type of measurement.
 
     Parameters
     ----------
     name : str
-        As it stands in tables of observations.
+        Name in tables of observations.
     description : str
-        What is measured and what the time tag names, a sentence for the reference pages.
+        Definition of the value and of the time tag, a sentence for the reference pages.
     geometry : Geometry
-        The legs.
+        Legs.
     integrated : bool
-        Whether the value is the change of the path over a count interval, tagged at its middle (of the carrier's phase,
-        which the ionosphere advances as much as it delays a code).
+        Whether the value is the change of the path over a count interval, tagged at its middle (a carrier phase, which
+        the ionosphere advances by as much as it delays a code).
     tags : tuple of str
-        Events that the time tag may name, of :data:`TIME_TAGS`.
+        Permitted events of the time tag, from :data:`TIME_TAGS`.
     form : str
-        Form of the path, where it does not follow from the geometry: as :attr:`~radioloc.measurements.link.Link.form`.
+        Form of the path (:attr:`~radioloc.measurements.link.Link.form`); by default that of the geometry.
     parts : callable, optional
-        From the link to the measurements that are combined, at the same time tag and count interval; only with
-        ``Geometry.COMBINED``.
+        Function of the link that returns the combined measurements, with the same time tag and count interval; only
+        with ``Geometry.COMBINED``.
     positive : bool
-        Whether the value must be above zero.
+        Whether values must be above zero.
     largest_m, fastest_m_s : float or None
-        Largest magnitude of the value, and of its change in a second of the count interval.
+        Limits of the magnitude of values, and of their rate over the count interval.
     limit : str
-        Sentence that says why, for messages.
+        Reason of the limits, for messages.
 
     Raises
     ------
     InputError
-        The record contradicts itself.
+        Attributes are inconsistent.
     """
 
     name: str
@@ -101,18 +101,18 @@ class MeasurementType:
         convert_fields(self)
         if (self.geometry is Geometry.COMBINED) != (self.parts is not None):
             raise InputError(
-                f"measurement type {self.name}: parts belong to Geometry.COMBINED, and only to it"
+                f"measurement type {self.name}: expected parts if and only if the geometry is COMBINED"
             )
         if not self.form:
             object.__setattr__(self, "form", self.geometry.value)
         unknown = set(self.tags) - set(TIME_TAGS)
         if not self.name.isidentifier() or not self.tags or unknown or not self.form:
             raise InputError(
-                f"measurement type {self.name!r} needs a name of letters and underscores, a form of path and time "
-                f"tags out of {', '.join(TIME_TAGS)}"
+                f"measurement type {self.name!r}: expected a name of letters and underscores, a form of the path, and "
+                f"time tags of {', '.join(TIME_TAGS)}"
             )
 
     @property
     def on_baseline(self) -> bool:
-        """Whether two stations receive."""
+        """Return whether two stations receive."""
         return self.form.startswith("station1<")

@@ -1,9 +1,8 @@
-"""The table of observations: one row per measurement, one array per column.
+"""Table of observations, with a row per measurement and an array per column.
 
-Every value is in metres. A range is the length of the light path from the transmitter over the point on the Moon to the
-receiver, as the speed of light times the time of flight in the station's clock (UTC rate): a round trip, not its half.
-The epoch is UTC and belongs to the event that the time tag names. Millions of rows are meant to fit: no Python object
-is kept per row.
+Values are metres. A range is the round-trip length of the light path from the transmitter over the target to the
+receiver: the speed of light times the time of flight by the station's clock (rate of UTC). The epoch is the UTC of the
+event of the time tag. Rows are not Python objects, so that tables can have millions of rows.
 """
 
 from __future__ import annotations
@@ -28,7 +27,6 @@ from radioloc.measurements.resolution import (
     RELATIVE_STEP,
     epoch_step_s,
     is_single_precision,
-    single_precision_groups,
     single_precision_step_m,
 )
 from radioloc.measurements.table_columns import (
@@ -37,9 +35,9 @@ from radioloc.measurements.table_columns import (
     as_column,
     codes_of_names,
     columns_of_table,
-    each_once,
     recoded,
     require_lunar_flight_times,
+    unique_items,
 )
 from radioloc.tables import TableForm, as_table
 from radioloc.time import Epochs, to_scale, utc_strings
@@ -55,31 +53,31 @@ WEATHER_LIMITS = {
     "relative_humidity": (0.0, 1.0),
     "wavelength_um": (0.1, 1e9),
 }
-"""Lowest and highest value that a station on Earth can have recorded; catches Celsius, percent and Pascal."""
+"""Lowest and highest value of a station on Earth; other values are in Celsius, percent or Pascal."""
 
 _SIGMA_LIMITS_M = (1e-9, 1e12)
 _TURNAROUND_LIMITS = (0.05, 20.0)
-"""From Ka band up to S band down it is 0.067, the reverse 15; catches millimetres and wavelengths of light."""
+"""The ratio of Ka band up and S band down is 0.067, the reverse 15; others have wavelengths in mm, or of light."""
 _MAX_ROUNDING_US = 999  # largest difference of time tags by rounding to milliseconds, microseconds
-_EPOCH_TOLERANCE_US = 10  # of the time tags of one observation; no path is measured twice in it
-_MAX_SIGNALS = 16  # most observations of one path, kind and epoch, of different wavelengths
-_MIN_ROUNDED_COUNT = 5  # fewest rounded copies within one file, as dense series may repeat a value
+_EPOCH_TOLERANCE_US = 10  # of the time tags of copies; repeated measurements are farther apart
+_MAX_SIGNAL_COUNT = 16  # observations of a path, kind and epoch with different wavelengths
+_MIN_ROUNDED_COUNT = 5  # of rounded copies in a file; fewer may be repeated values of a dense series
 _ROUNDING_SIGMAS, _ROUNDING_M = 0.02, 2e-4
-"""Largest difference of a value in two files, the sum of both: light times have 1 ps, ranges a part of their sigma."""
-_OF_ALL = ("links", "files", "ramps")
+"""Terms of the largest difference of copies in two files: light times have 1 ps, ranges a fraction of sigma."""
+_SHARED_FIELDS = ("links", "files", "ramps")
 _IN_MEMORY = "in memory"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Observations:
-    """Observations in the order in which they were given; arrays are read-only.
+    """Observations in their original order; arrays are read-only.
 
-    Build with :meth:`from_columns`, which checks everything; the plain constructor checks nothing.
+    :meth:`from_columns` and :meth:`from_table` check their input; the constructor does not.
 
     Parameters
     ----------
     epoch : Epochs
-        When the event named by the time tag happened, UTC, n epochs.
+        UTC of the events of the time tags, n epochs.
     tag : ndarray of int8, shape (n,)
         Index into :data:`TIME_TAGS`.
     kind : ndarray of int8, shape (n,)
@@ -87,33 +85,31 @@ class Observations:
     link : ndarray of int32, shape (n,)
         Index into ``links``.
     links : tuple of Link
-        The different paths, each once.
+        Different paths.
     value_m : ndarray, shape (n,)
-        What was measured, m: of a range the speed of light times the whole time of flight; of other
-        kinds as :data:`KINDS` says.
+        Measured values, m: of ranges the speed of light times the round-trip time of flight; of other kinds as
+        described in :data:`MEASUREMENTS`.
     sigma_m : ndarray, shape (n,)
-        Its standard deviation, m.
+        Standard deviations, m.
     pressure_hpa, temperature_k, relative_humidity : ndarray, shape (n,)
-        Weather at the station; humidity from 0 to 1. NaN says that it was not recorded.
+        Weather at the receiving station; humidity from 0 to 1; NaN if not recorded.
     wavelength_um : ndarray, shape (n,)
-        Vacuum wavelength of the light or of the radio signal on its way down, micrometres. NaN says that it was not
-        recorded.
+        Vacuum wavelength of light or of the radio downlink, micrometres; NaN if not recorded.
     uplink_hz : ndarray, shape (n,)
-        Frequency of the radio signal on its way up, Hz. NaN says that it was not recorded or does not apply.
+        Frequency of the radio uplink, Hz; NaN if not recorded.
     count_s : ndarray, shape (n,)
         Count interval of Doppler and of a delay rate, s; NaN for other kinds.
     modulus_m : ndarray, shape (n,)
-        Modulus of an ambiguous range, m of light path; NaN where it is known in full.
+        Modulus of ambiguous ranges, m of light path; NaN for unambiguous values.
     ramped : ndarray of bool, shape (n,)
-        Whether the value counts cycles of a transmitted frequency that changes, as ``ramps`` say, with ``uplink_hz``,
-        or one-way that of ``wavelength_um``, as the reference frequency that they are in metres by
-        (:mod:`~radioloc.measurements.ramps`).
+        Whether values count cycles of a variable transmitted frequency (``ramps``), in metres by the reference
+        frequency ``uplink_hz``, or one-way that of ``wavelength_um`` (:mod:`~radioloc.measurements.ramps`).
     files : tuple of str
-        The files that the rows came from, each once.
+        Different files of origin.
     file : ndarray of int32, shape (n,)
         Index into ``files``.
     line : ndarray of int32, shape (n,)
-        Line in that file, counted from 1.
+        Line in the file, counted from 1.
     ramps : Ramps
         Transmitted frequencies of stations and, one-way, of targets.
     """
@@ -163,22 +159,20 @@ class Observations:
         ramps: Ramps | None = None,
         single_precision: Collection[str] = (),
     ) -> Observations:
-        """Check and copy columns; a single value stands for all rows.
+        """Check and copy columns; a single value applies to all rows.
 
-        Parameters are those of the class. ``kind`` and ``tag`` are names (``"doppler"``, ``"receive"``) or the indices
-        that a table has, ``links`` are links or paths such as ``"KASHI>lander>KASHI"``. Without ``files`` the rows
-        count as made in memory, and ``line`` is the row counted from 1. ``single_precision`` names columns recorded as
-        float32 besides those whose arrays have that type. Columns with a unit (an astropy ``Quantity``) are converted
-        to the one in the parameter's name, a ``Time`` in any scale to UTC; a masked entry counts as not recorded.
+        Parameters are those of the class. ``kind`` and ``tag`` are names (``"doppler"``, ``"receive"``) or indices,
+        ``links`` are links or paths such as ``"KASHI>lander>KASHI"``. Without ``files`` the origin is memory, and
+        ``line`` is the row counted from 1. ``single_precision`` names columns recorded as float32, beside arrays of
+        that type. An astropy ``Quantity`` is converted to the unit in the parameter's name, a ``Time`` of any scale to
+        UTC; masked entries count as not recorded.
 
         Raises
         ------
         InputError
-            Epochs not in UTC, a unit that does not convert, a column of another length, a code without a name, a value
-            or sigma that is not finite and positive, values or epochs rounded by single precision to steps larger than
-            sigma, or weather that no station can have recorded (as when Celsius or
-            percent were given). Where the row came from a file it is a :class:`FileFormatError` that names file and
-            line.
+            Epochs are not UTC, a unit cannot be converted, lengths differ, a name or index is unknown, a value or sigma
+            is not finite and positive, values or epochs have rounding steps above sigma, or weather is impossible (as
+            in Celsius or percent). For rows of a file it is a :class:`FileFormatError` with file and line.
 
         Examples
         --------
@@ -197,9 +191,9 @@ class Observations:
             epoch = to_scale(Epochs.from_time(epoch), "UTC")
         epoch.require("UTC")
         n = len(epoch)
-        given = [Link.from_path(link) if isinstance(link, str) else link for link in links]
-        unique_links, link_codes = each_once(given)
-        unique_files, file_codes = each_once(files or (_IN_MEMORY,))
+        parsed = [Link.from_path(link) if isinstance(link, str) else link for link in links]
+        unique_links, link_codes = unique_items(parsed)
+        unique_files, file_codes = unique_items(files or (_IN_MEMORY,))
         numbers = {
             "value_m": value_m,
             "sigma_m": sigma_m,
@@ -211,7 +205,7 @@ class Observations:
             "count_s": count_s,
             "modulus_m": modulus_m,
         }
-        made = cls(
+        table = cls(
             epoch=Epochs(
                 as_column("epoch.jd", epoch.jd, n), as_column("epoch.fraction", epoch.fraction, n), "UTC"
             ),
@@ -224,12 +218,12 @@ class Observations:
             files=unique_files,
             file=recoded(file_codes, as_codes("file", file, n, len(file_codes), np.int32)),
             line=as_column("line", np.arange(1, n + 1) if line is None else line, n, np.int32),
-            ramps=Ramps.none() if ramps is None else ramps,
+            ramps=Ramps.empty() if ramps is None else ramps,
         )
-        made._validate()
+        table._validate()
         narrow = {name for name, column in numbers.items() if is_single_precision(column)}
-        made._require_resolution({*single_precision, *narrow})
-        return made
+        table._require_resolution({*single_precision, *narrow})
+        return table
 
     @classmethod
     def from_table(
@@ -247,31 +241,31 @@ class Observations:
         Parameters
         ----------
         table : DataFrame, Table, QTable or mapping of str to array_like
-            With the columns that a file of observations has (``docs/reference/observation-table.md``): ``epoch_utc``
-            (text, timestamps, or a Time of any scale), ``type``, ``path``, ``observed_m`` or ``light_time_s``,
-            ``sigma_m`` or ``sigma_s``, ``time_tag``, and what else was recorded.
+            Columns of a file of observations (``docs/reference/observation-table.md``): ``epoch_utc`` (text,
+            timestamps, or a Time of any scale), ``type``, ``path``, ``observed_m`` or ``light_time_s``, ``sigma_m`` or
+            ``sigma_s``, ``time_tag``, and optional ones.
         columns : mapping of str to str, optional
-            Which columns of the table are those, where they have other names: ``{"observed_m": "rho"}``. Where it is
-            given, if only empty, columns that are not known are left out; else they are an error.
+            Names of columns in the table by their names here: ``{"observed_m": "rho"}``. With it, even empty, unknown
+            columns are ignored; without it they are an error.
         units : mapping of str to str, optional
-            Units, as astropy spells them, of columns by their names in the table: ``{"rho": "km"}``. Columns of astropy
-            and fields of Arrow may state their own; else the unit is that in the name here.
+            Units in the notation of astropy by names in the table: ``{"rho": "km"}``; by default the unit of the column
+            (astropy, Arrow) or that in the name here.
         catalogue : StationCatalogue, optional
-            Gives stations their catalogue names; that of the package where not given.
+            Catalogue of station names; by default that of the package.
         lunar : bool
-            Whether the target is at the Moon, so that a range of another length is a mistake.
+            Whether targets are at the Moon, so that ranges of another length are an error.
         **constants
-            What is the same in all rows and in no column, by the name of the column.
+            Values of all rows by the name of the missing column.
 
         Raises
         ------
         InputError
-            A column is missing, not known, of another unit, or holds what cannot be; the row, counted from 1, is said.
+            A column is missing, unknown or of another unit, or has an invalid value; the message has the row, from 1.
 
         Warns
         -----
         DataQualityWarning
-            The same observation is there twice, and counted once.
+            Duplicate observations are removed.
 
         Examples
         --------
@@ -291,16 +285,16 @@ class Observations:
     def concatenate(parts: Sequence[Observations]) -> Observations:
         """Join tables, in order."""
         if not parts:
-            raise InputError("no observations to join; give at least one table")
-        links, link_codes = each_once([link for part in parts for link in part.links])
-        files, file_codes = each_once([file for part in parts for file in part.files])
+            raise InputError("parts: expected one or more tables of observations, got none")
+        links, link_codes = unique_items([link for part in parts for link in part.links])
+        files, file_codes = unique_items([file for part in parts for file in part.files])
         columns: dict[str, Any] = {"links": links, "files": files}
         columns["epoch"] = Epochs.concatenate([p.epoch for p in parts])
         columns["ramps"] = Ramps.concatenate([p.ramps for p in parts])
         for name, codes in (("link", link_codes), ("file", file_codes)):
             ends = np.cumsum([len(getattr(p, f"{name}s")) for p in parts])[:-1]
-            own = zip(parts, np.split(codes, ends), strict=True)
-            columns[name] = np.concatenate([of_part[getattr(p, name)] for p, of_part in own])
+            by_part = zip(parts, np.split(codes, ends), strict=True)
+            columns[name] = np.concatenate([part_codes[getattr(p, name)] for p, part_codes in by_part])
         for field in fields(Observations):
             if field.name not in columns:
                 columns[field.name] = np.concatenate([getattr(p, field.name) for p in parts])
@@ -311,45 +305,45 @@ class Observations:
 
     def __repr__(self) -> str:
         if len(self) == 0:
-            return "<Observations none>"
+            return "<Observations 0>"
         first, last = self.span().day_strings()
         return f"<Observations {len(self)} {first} to {last}>"
 
-    def __getitem__(self, which: Any) -> Observations:
+    def __getitem__(self, rows: Any) -> Observations:
         """Return rows as :meth:`select` does; a single row is a table, too."""
-        return self.select(which)
+        return self.select(rows)
 
     def span(self) -> Epochs:
-        """The first and the last epoch; there is at least one."""
+        """Return the first and the last epoch of a table with rows."""
         days = (self.epoch.jd - self.epoch.jd.min()) + self.epoch.fraction
         return self.epoch[[int(days.argmin()), int(days.argmax())]]
 
-    def select(self, which: Any) -> Observations:
-        """Rows chosen by a mask, a slice or indices, in that order; ``links``, ``files`` and ``ramps`` stay whole."""
+    def select(self, rows: Any) -> Observations:
+        """Return rows by a mask, a slice or indices, in order; ``links``, ``files`` and ``ramps`` are unchanged."""
         columns = {f.name: getattr(self, f.name) for f in fields(self)}
         for name, value in columns.items():
-            if name not in _OF_ALL:
-                columns[name] = value[which] if isinstance(value, Epochs) else np.atleast_1d(value[which])
+            if name not in _SHARED_FIELDS:
+                columns[name] = value[rows] if isinstance(value, Epochs) else np.atleast_1d(value[rows])
         return _frozen(Observations(**columns))
 
     def types(self) -> NDArray[np.str_]:
-        """Kind of each measurement as text, shape (n,)."""
+        """Return the name of the type of each measurement, shape (n,)."""
         return np.array(KINDS)[self.kind]
 
     def tags(self) -> NDArray[np.str_]:
-        """Time tag of each measurement as text, shape (n,)."""
+        """Return the name of each time tag, shape (n,)."""
         return np.array(TIME_TAGS)[self.tag]
 
     def paths(self) -> NDArray[np.str_]:
-        """Path of each measurement as text, shape (n,)."""
+        """Return the path of each measurement as text, shape (n,)."""
         return np.array([link.path for link in self.links], dtype=np.str_)[self.link]
 
     def origin(self, row: int) -> str:
-        """Where a row came from, such as ``data.np2, line 12``."""
+        """Return the origin of a row, such as ``data.np2, line 12``."""
         return f"{self.files[self.file[row]]}, line {self.line[row]}"
 
     def to_table(self, form: TableForm = "astropy") -> Any:
-        """Everything as a table, one column per measured or recorded quantity; :meth:`from_table` gives it back.
+        """Return a table with a column per quantity, which :meth:`from_table` can read.
 
         Parameters
         ----------
@@ -359,7 +353,7 @@ class Observations:
         Raises
         ------
         InputError
-            Another form, or an epoch in a leap second for pandas, which knows none.
+            The form is unknown, or an epoch is in a leap second, which pandas does not support.
 
         Examples
         --------
@@ -375,18 +369,18 @@ class Observations:
         return as_table(columns, form)
 
     def summary(self) -> str:
-        """Text for people: how many observations, from when to when, by path and kind."""
+        """Return the number of observations, their span, and their numbers by path and kind as text."""
         if len(self) == 0:
             return "no observations"
         first, last = (str(s) for s in utc_strings(self.span(), decimals=0))
         lines = [f"{len(self)} observations, {first} to {last} UTC, {len(np.unique(self.file))} file(s)"]
         groups, counts = np.unique(self.link * len(KINDS) + self.kind, return_counts=True)
-        named = sorted(
+        group_rows = sorted(
             (self.links[group // len(KINDS)].path, KINDS[group % len(KINDS)], int(count))
             for group, count in zip(groups, counts, strict=True)
         )
-        width = max(len(path) for path, _, _ in named)
-        lines += [f"  {path:<{width}}  {kind}  {count:>7}" for path, kind, count in named]
+        width = max(len(path) for path, _, _ in group_rows)
+        lines += [f"  {path:<{width}}  {kind}  {count:>7}" for path, kind, count in group_rows]
         if len(self.ramps):
             lines.append(
                 f"  {len(self.ramps)} ramp{'s' * (len(self.ramps) > 1)} of {', '.join(self.ramps.stations)}"
@@ -394,95 +388,84 @@ class Observations:
         return visible("\n".join(lines))
 
     def _validate(self) -> None:
-        """Hold the observations to what can be true of each quantity and type."""
-        self._refuse(~np.isfinite(self.value_m), "value_m", "must be finite")
-        least, most = _SIGMA_LIMITS_M
-        wrong = ~((self.sigma_m >= least) & (self.sigma_m <= most))
-        self._refuse(wrong, "sigma_m", f"must be {least:g} to {most:g}")
+        """Raise an error for values that are impossible for their quantity or type."""
+        self._refuse(~np.isfinite(self.value_m), "value_m", "a finite number")
+        low, high = _SIGMA_LIMITS_M
+        wrong = ~((self.sigma_m >= low) & (self.sigma_m <= high))
+        self._refuse(wrong, "sigma_m", f"{low:g} to {high:g}")
         wrong = is_integrated(self.kind) & ~(np.isfinite(self.count_s) & (self.count_s > 0.0))
-        self._refuse(wrong, "count_s", "the measurement needs its count interval, above zero")
+        self._refuse(wrong, "count_s", "a count interval above zero")
         for code in np.unique(self.kind):
             kind, rows = MEASUREMENTS[KINDS[code]], self.kind == code
             allowed = [TIME_TAGS.index(tag) for tag in kind.tags]
-            where = " at the arrival at the first station" if kind.on_baseline else ""
-            rule = f"the {kind.name} is tagged{where} ({' or '.join(kind.tags)})"
+            rule = f"{' or '.join(kind.tags)} for {kind.name}"
             if len(allowed) < len(TIME_TAGS):
                 self._refuse(rows & ~np.isin(self.tag, allowed), "time_tag", rule)
             of_link = np.array([link.form != kind.form for link in self.links], dtype=bool)
-            rule = f"that of the type {kind.name} is written {kind.form}"
+            rule = f"{kind.form} for {kind.name}"
             self._refuse(rows & of_link[self.link], "path", rule)
             if kind.positive:
                 wrong = rows & ~(self.value_m > 0.0)
-                self._refuse(wrong, "value_m", f"must be above zero: {kind.limit}")
+                self._refuse(wrong, "value_m", f"a number above zero ({kind.limit})")
             if kind.largest_m is not None:
                 self._refuse(rows & (np.abs(self.value_m) > kind.largest_m), "value_m", kind.limit)
             if kind.fastest_m_s is not None:
                 wrong = rows & (np.abs(self.value_m) > kind.fastest_m_s * self.count_s)
                 self._refuse(wrong, "value_m", kind.limit)
         wrong = ~np.isnan(self.uplink_hz) & ~((self.uplink_hz > 1e6) & (self.uplink_hz < 1e12))
-        self._refuse(wrong, "uplink_hz", "must be 1e6 to 1e12, or left out")
+        self._refuse(wrong, "uplink_hz", "1e6 to 1e12")
         forms = np.array([link.form for link in self.links], dtype=np.str_)[self.link]
         sent, one_way = forms == "transmitter>target>receiver", forms == "target>receiver"
         reference = np.where(one_way, self.wavelength_um, self.uplink_hz)
         wrong = self.ramped & (np.isnan(reference) | (self.tag != TIME_TAGS.index("receive")))
-        rule = "cycles need their reference frequency, uplink_hz or one-way wavelength_um, and time tags of reception"
+        rule = "a reference frequency (uplink_hz, one-way wavelength_um) and time tags of reception"
         self._refuse(wrong, "ramped", rule)
         two_way = np.array([link.transmitter == link.receiver for link in self.links], dtype=bool)[self.link]
         counted = is_integrated(self.kind)
         wrong = self.ramped & ~((sent & (counted | two_way)) | (one_way & counted))
-        rule = "cycles are counted in one-way, two-way and three-way Doppler and in two-way ranges"
+        rule = "one-way, two-way or three-way Doppler, or two-way ranges"
         self._refuse(wrong, "ramped", rule)
         wrong = ~np.isnan(self.modulus_m) & (~(self.modulus_m > 0.0) | is_integrated(self.kind))
-        self._refuse(wrong, "modulus_m", "must be above zero, and of a range, or left out")
+        self._refuse(wrong, "modulus_m", "a number above zero, for ranges only")
         for name, (low, high) in WEATHER_LIMITS.items():
             column = getattr(self, name)
             wrong = ~(np.isnan(column) | ((column >= low) & (column <= high)))
-            self._refuse(wrong, name, f"must be {low:g} to {high:g}, or left out where it was not recorded")
+            self._refuse(wrong, name, f"{low:g} to {high:g}")
         turnaround = 1e6 * C_M_S / (self.wavelength_um * self.uplink_hz)
         low, high = _TURNAROUND_LIMITS
-        rule = f"the frequency down is {low:g} to {high:g} times uplink_hz; correct one of them"
+        rule = f"a downlink frequency of {low:g} to {high:g} times uplink_hz"
         self._refuse((turnaround < low) | (turnaround > high), "wavelength_um", rule)
 
     def _require_resolution(self, single_precision: set[str]) -> None:
-        """Refuse values and epochs that single precision rounds to steps above sigma."""
+        """Raise an error for values and epochs with rounding steps above sigma."""
         steps_m = np.zeros(len(self))
         for name in single_precision & {"value_m", "observed_m", "light_time_s"}:
             steps_m = single_precision_step_m(self.value_m, C_M_S if name == "light_time_s" else 1.0)
-        if "modulus_m" in single_precision:  # of which the value is many
+        if "modulus_m" in single_precision:
             ambiguous_m = np.where(np.isnan(self.modulus_m), 0.0, np.abs(self.value_m))
             steps_m = np.maximum(steps_m, RELATIVE_STEP * ambiguous_m)
         if single_precision & {"uplink_hz", "wavelength_um"} and self.ramped.any():
             counted_m = C_M_S * np.where(is_integrated(self.kind), self.count_s, 0.0)
             steps_m = np.maximum(steps_m, np.where(self.ramped, RELATIVE_STEP * counted_m, 0.0))
-        self._refuse_rounded(steps_m > self.sigma_m, steps_m)
-        if not len(self):
-            return
-        group = (self.kind.astype(np.int64) * len(self.links) + self.link) * len(self.files) + self.file
-        single = single_precision_groups(self.value_m, self.sigma_m, self.count_s, group)
-        self._refuse_rounded(single, single_precision_step_m(self.value_m, 1.0) if single.any() else steps_m)
-        step_s = epoch_step_s(self.epoch.fraction)
-        coarse = (self.kind == RANGE) & (MIN_RANGE_RATE_M_S * step_s > self.sigma_m)
-        rule = (
-            f"epochs are Julian dates of one number, in steps of {step_s:.1g} s; give dates, or two numbers"
-        )
-        self._refuse(coarse, "sigma_m", rule)
-
-    def _refuse_rounded(self, wrong: NDArray[np.bool_], steps_m: Floats) -> None:
-        """Refuse values that single precision rounds to steps."""
+        wrong = steps_m > self.sigma_m
         step_m = float(steps_m[np.argmax(wrong)]) if wrong.any() else 0.0
-        rule = (
-            f"single precision (float32) rounds it to a multiple of {step_m:.3g} m, which is more than its sigma; "
-            "give double precision, or a sigma for rounded values"
+        self._refuse(
+            wrong, "value_m", f"double precision, as steps of float32 are {step_m:.3g} m, above sigma"
         )
-        self._refuse(wrong, "value_m", rule)
+        step_s = epoch_step_s(self.epoch.fraction) if len(self) else 0.0
+        wrong = (self.kind == RANGE) & (MIN_RANGE_RATE_M_S * step_s > self.sigma_m)
+        rule = (
+            f"at least the effect of epochs that are Julian dates of one number, in steps of {step_s:.1g} s"
+        )
+        self._refuse(wrong, "sigma_m", rule)
 
-    def _refuse(self, wrong: NDArray[np.bool_], name: str, rule: str) -> None:
+    def _refuse(self, wrong: NDArray[np.bool_], name: str, expected: str) -> None:
         if not wrong.any():
             return
         row = int(np.argmax(wrong))
         words = {"path": self.links[self.link[row]].path, "time_tag": TIME_TAGS[self.tag[row]]}
-        found = words.get(name) or f"{getattr(self, name)[row]:g}"
-        problem = f"{name} is {found}, but {rule}"
+        value = words.get(name) or f"{getattr(self, name)[row]:g}"
+        problem = f"{name}: expected {expected}, got {value}"
         source = self.files[self.file[row]]
         if source == _IN_MEMORY:
             raise InputError(f"observation {row + 1}: {problem}")
@@ -499,61 +482,62 @@ def _frozen(observations: Observations) -> Observations:
 
 
 def observations_of(columns: Mapping[str, Any], lunar: bool) -> Observations:
-    """Observations of the columns of a table, those of a lunar target of lunar length, each once."""
-    made = Observations.from_columns(**columns)
+    """Return the observations of the columns of a table without duplicates; ranges of lunar targets are checked."""
+    observations = Observations.from_columns(**columns)
     if lunar:
-        whole = (made.kind == RANGE) & np.isnan(made.modulus_m)
-        require_lunar_flight_times(made.files[0], made.value_m[whole] / C_M_S, made.line[whole])
-    return without_duplicates(made)
+        rows = (observations.kind == RANGE) & np.isnan(observations.modulus_m)
+        flight_s = observations.value_m[rows] / C_M_S
+        require_lunar_flight_times(observations.files[0], flight_s, observations.line[rows])
+    return without_duplicates(observations)
 
 
 def without_duplicates(observations: Observations, *, first_counts: bool = False) -> Observations:
-    """Return the observations, each once: copies are left out with a warning, two values of one are an error."""
-    # Rows are of one observation if path, kind, time tag, wavelength and count interval are the same and their epochs
-    # differ by at most 10 microseconds, or by rounding to milliseconds. Copies have the same value and sigma, in two
-    # files up to rounding. With `first_counts`, as for frequencies read off twice, a second value is a warning, too.
+    """Return the observations without copies, which are a warning; copies with another value are an error."""
+    # Rows are copies if path, kind, time tag, wavelength and count interval are equal and their epochs differ by at
+    # most 10 microseconds, or by rounding to milliseconds. Copies have the same value and sigma, in two files up to
+    # rounding. With `first_counts`, as for frequencies read off repeatedly, another value is a warning, too.
     instant = _instants_us(observations)
     if not (np.diff(np.sort(instant)) <= _MAX_ROUNDING_US).any():
         return observations
     first, second = _near_pairs(instant)
-    apart_us = np.abs(instant[second] - instant[first])
-    # Of copies one has the time tag of the other after rounding: only one of the two is a multiple of it.
+    difference_us = np.abs(instant[second] - instant[first])
+    # The time tag of one of two rounded copies is a multiple of a millisecond, that of the other is not.
     ticks = 86400e3 * observations.epoch.fraction * np.array([[1.0], [10.0]])
-    whole = np.abs(ticks - np.rint(ticks)) < 1e-5
-    rounded = (whole[:, first] != whole[:, second]).any(axis=0) & (apart_us > _EPOCH_TOLERANCE_US)
+    is_multiple = np.abs(ticks - np.rint(ticks)) < 1e-5
+    rounded = (is_multiple[:, first] != is_multiple[:, second]).any(axis=0) & (
+        difference_us > _EPOCH_TOLERANCE_US
+    )
     files = observations.file[first] != observations.file[second]
-    near = (apart_us <= _EPOCH_TOLERANCE_US) | rounded
-    near &= ~(apart_us > 0.25e6 * observations.count_s[first])
+    simultaneous = (difference_us <= _EPOCH_TOLERANCE_US) | rounded
+    simultaneous &= ~(difference_us > 0.25e6 * observations.count_s[first])
     value_m, sigma_m, wavelength_um = observations.value_m, observations.sigma_m, observations.wavelength_um
     rounding = np.where(files, _ROUNDING_SIGMAS * sigma_m[first], 0.0)
-    same = np.abs(value_m[second] - value_m[first]) <= rounding + np.where(files, _ROUNDING_M, 0.0)
-    same &= np.abs(sigma_m[second] - sigma_m[first]) <= rounding
+    equal = np.abs(value_m[second] - value_m[first]) <= rounding + np.where(files, _ROUNDING_M, 0.0)
+    equal &= np.abs(sigma_m[second] - sigma_m[first]) <= rounding
     same_count = _agree(observations.count_s, first, second)
     same_signal = _agree(wavelength_um, first, second) & same_count
     lacking = np.isnan(wavelength_um[first]) != np.isnan(wavelength_um[second])
-    copies = near & same & (same_signal | (lacking & same_count))
+    copies = simultaneous & equal & (same_signal | (lacking & same_count))
     by_chance = copies & rounded & ~files
     if len(np.unique(first[by_chance])) < _MIN_ROUNDED_COUNT:
         copies &= ~by_chance
-    other = np.flatnonzero(near & ~rounded & same_signal & ~same)
-    if len(other) and not first_counts:
-        pair = other[np.argmin(second[other])]
+    conflicting = np.flatnonzero(simultaneous & ~rounded & same_signal & ~equal)
+    if len(conflicting) and not first_counts:
+        pair = conflicting[np.argmin(second[conflicting])]
         raise InputError(
             f"{observations.origin(int(second[pair]))}: this observation has another value or sigma in "
-            f"{observations.origin(int(first[pair]))} ({len(other)} such pair(s) in all); leave one of them out"
+            f"{observations.origin(int(first[pair]))} ({len(conflicting)} such pairs); remove one of them"
         )
-    copies[other] = True
-    second, which = np.unique(second[copies], return_index=True)
-    first, apart_us = first[copies][which], apart_us[copies][which]
-    shifted = f", but for the rounding of its time by {apart_us.max()} us" if apart_us.any() else ""
-    with_other = f", {len(other)} with another value or sigma" if len(other) else ""
-    return counted_once(
-        observations, first, second, f"this observation is already there{shifted}", with_other
-    )
+    copies[conflicting] = True
+    second, index = np.unique(second[copies], return_index=True)
+    first, difference_us = first[copies][index], difference_us[copies][index]
+    rounding_text = f" (time rounded by {difference_us.max()} us)" if difference_us.any() else ""
+    conflicts = f", {len(conflicting)} with another value or sigma" if len(conflicting) else ""
+    return without_second(observations, first, second, f"duplicate observation{rounding_text}", conflicts)
 
 
 def _instants_us(observations: Observations) -> NDArray[np.int64]:
-    """Epochs in whole microseconds, those of each path, kind and time tag far from those of the next."""
+    """Return epochs in integer microseconds, with different offsets for each path, kind and time tag."""
     epoch = observations.epoch
     days = (epoch.jd - epoch.jd.min(initial=np.inf)) + epoch.fraction
     since_us = np.rint(86400e6 * days).astype(np.int64)
@@ -563,40 +547,40 @@ def _instants_us(observations: Observations) -> NDArray[np.int64]:
 
 
 def _near_pairs(instant_us: NDArray[np.int64]) -> NDArray[np.intp]:
-    """Pairs of rows that rounding of their epochs may separate, the earlier row first, shape (2, m)."""
+    """Return pairs of rows with epochs that differ at most by rounding, the earlier row first, shape (2, m)."""
     order = np.argsort(instant_us, kind="stable")
     in_order, pairs = instant_us[order], []
-    for lag in range(1, min(len(order), _MAX_SIGNALS + 1)):
-        near = np.flatnonzero(in_order[lag:] - in_order[:-lag] <= _MAX_ROUNDING_US)
-        if not len(near):
+    for lag in range(1, min(len(order), _MAX_SIGNAL_COUNT + 1)):
+        places = np.flatnonzero(in_order[lag:] - in_order[:-lag] <= _MAX_ROUNDING_US)
+        if not len(places):
             break
-        pairs.append(np.sort([order[near], order[near + lag]], axis=0))
+        pairs.append(np.sort([order[places], order[places + lag]], axis=0))
     return np.concatenate(pairs, axis=1)
 
 
 def _agree(column: Floats, first: NDArray[np.intp], second: NDArray[np.intp]) -> NDArray[np.bool_]:
-    """Whether a quantity is the same in both rows to a millionth, or recorded in neither."""
-    one, two = column[first], column[second]
-    return np.asarray((np.abs(one - two) <= 1e-6 * np.abs(one)) | (np.isnan(one) & np.isnan(two)))
+    """Return whether a quantity is equal in both rows to a millionth, or recorded in neither."""
+    a, b = column[first], column[second]
+    return np.asarray((np.abs(a - b) <= 1e-6 * np.abs(a)) | (np.isnan(a) & np.isnan(b)))
 
 
-def counted_once(
+def without_second(
     observations: Observations,
     first: NDArray[np.intp],
     second: NDArray[np.intp],
     problem: str,
-    more: str = "",
+    details: str = "",
 ) -> Observations:
-    """Observations without the second of each pair of rows, with a warning that says the problem and the first."""
+    """Return the observations without the second row of each pair, with a warning."""
     if not len(first):
         return observations
     pair = int(np.argmin(second))
-    here, there = (observations.origin(int(rows[pair])) for rows in (second, first))
+    origins = [observations.origin(int(rows[pair])) for rows in (second, first)]
     warnings.warn(
-        f"{here}: {problem}, in {there} ({len(first)} such pair(s) in all{more}); it is counted once",
+        f"{origins[0]}: {problem}, as in {origins[1]}; ignored ({len(first)} such pairs{details})",
         DataQualityWarning,
         stacklevel=5,
     )
-    kept = np.ones(len(observations), dtype=bool)
-    kept[second] = False
-    return observations.select(kept)
+    is_first = np.ones(len(observations), dtype=bool)
+    is_first[second] = False
+    return observations.select(is_first)

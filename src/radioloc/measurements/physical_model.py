@@ -1,4 +1,4 @@
-"""What a prediction rests on: ephemeris, lunar orientation, Earth orientation, stations, and the active terms."""
+"""Physical model of predictions: ephemeris, lunar and Earth orientation, stations, media and active terms."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ from radioloc.media.troposphere import Troposphere
 
 @dataclass(frozen=True, slots=True)
 class PhysicalModel:
-    """All that a prediction needs besides observations and a position; make one with :meth:`PhysicalModel.build`."""
+    """Kernels, tables and active terms of predictions, from :meth:`PhysicalModel.build`."""
 
     ephemeris: Ephemeris
     libration: LunarOrientation  # of the same ephemeris
     earth: EarthOrientation
     catalogue: StationCatalogue
-    terms: frozenset[str]  # that are active, of TERMS
-    ionosphere: ElectronContent | None = None  # along the rays of radio signals
+    terms: frozenset[str]  # active names of TERMS
+    ionosphere: ElectronContent | None = None  # None: radio signals have no ionospheric delay
     delays: EquipmentDelays = field(default_factory=EquipmentDelays)  # by the catalogue's names of stations
     radio_atmosphere: RadioAtmosphere | None = None  # VMF3 and GPT3 files
     sources: Sources = field(default_factory=dict)  # at infinity, by their names
@@ -66,48 +66,47 @@ class PhysicalModel:
         ephemeris, libration : str or path-like
             ``"DE421"``, which ships with the package, or the path of an SPK and of a binary PCK.
         earth_orientation : path-like, optional
-            A C04 or finals2000A file; the tables of ``astropy-iers-data`` where it is not given.
+            A C04 or finals2000A file; by default the tables of ``astropy-iers-data``.
         eop_beyond : {"hold", "extrapolate"}, optional
-            How Earth orientation goes on after the table
-            (:func:`~radioloc.earth.eop_prediction.extended`); epochs there are refused where it is not given.
+            Continuation of Earth orientation after the table (:func:`~radioloc.earth.eop_prediction.extended`); by
+            default later epochs are an error.
         catalogue : StationCatalogue, optional
-            The stations; the catalogue that ships where it is not given.
+            Stations; by default the catalogue of the package.
         ionosphere : ElectronContent, optional
-            Source of electron content, such as IONEX maps; radio signals have no ionospheric delay without one.
+            Source of electron content, such as IONEX maps; without it radio signals have no ionospheric delay.
         delays : EquipmentDelays, optional
-            Delays of equipment that are in the data; none where it is not given.
+            Delays of equipment in the data.
         radio_atmosphere : RadioAtmosphere, optional
             Files of VMF3 and GPT3, from :func:`~radioloc.media.radio_atmosphere.read_radio_atmosphere`.
         media_calibrations : MediaCalibrations, optional
             TRO and ION files of the Deep Space Network, from :func:`~radioloc.media.csp.read_csp`, for its stations.
         free_clocks : iterable of str
-            Stations whose frequency standards run free, at the rate of proper time at their height, and do not follow
-            UTC.
+            Stations with free-running frequency standards, at the rate of proper time at their height.
         sources : mapping of str to ndarray, optional
-            Quasars of which there are VLBI delays, from :func:`~radioloc.measurements.sources.read_sources`.
+            Quasars of VLBI delays, from :func:`~radioloc.measurements.sources.read_sources`.
         off : iterable of str
-            Names of terms to leave out.
+            Names of terms to switch off.
 
         Raises
         ------
         KernelError, FileFormatError, InputError
             A file is missing or unusable, the two kernels belong to different ephemerides, or a term is unknown.
         StationError
-            A delay or a free clock is of a station that is not in the catalogue.
+            A station of a delay or of a free clock is not in the catalogue.
         """
         terms = active_terms(off)
         spk = Ephemeris.open(ephemeris)
         pck = LunarOrientation.open(libration)
         if pck.frame != f"PA_{spk.name}":
             raise InputError(
-                f"the lunar orientation is that of {pck.frame.removeprefix('PA_')} but the positions are those of "
-                f"{spk.name}; the two must come from one ephemeris"
+                f"libration: expected the ephemeris of the positions, {spk.name}, got "
+                f"{pck.frame.removeprefix('PA_')}; use kernels of the same ephemeris"
             )
         table = EopTable.packaged() if earth_orientation is None else EopTable.from_file(earth_orientation)
         if eop_beyond is not None:
             table = extended(table, eop_beyond)
         stations = StationCatalogue.default() if catalogue is None else catalogue
-        equipment = (delays or EquipmentDelays()).named(stations)
+        equipment = (delays or EquipmentDelays()).with_catalogue_names(stations)
         try:
             free = tuple(dict.fromkeys(stations.get(name).name for name in free_clocks))
         except StationError as error:
@@ -136,18 +135,18 @@ class PhysicalModel:
         )
 
     def without(self, *names: str) -> PhysicalModel:
-        """The same model with some more terms left out."""
+        """Return the model without some terms."""
         return self.with_terms(self.terms & active_terms(names))
 
     def with_terms(self, terms: frozenset[str]) -> PhysicalModel:
-        """The same model with these terms and no others."""
+        """Return the model with these active terms only."""
         subdaily = "subdaily_eop" in terms
         earth = replace(self.earth, subdaily_tides=subdaily, libration=subdaily)
         return replace(self, earth=earth, terms=terms)
 
     @property
     def media(self) -> tuple[Medium, ...]:
-        """The active media on the legs, in the order in which they are asked."""
+        """Active media of the legs in the order of evaluation."""
         configured: tuple[Medium, ...] = (
             Troposphere(self.radio_atmosphere, self.media_calibrations),
             Ionosphere(self.ionosphere, self.media_calibrations),
@@ -156,18 +155,18 @@ class PhysicalModel:
         return tuple(medium for name, medium in media.items() if self.has(name))
 
     def has(self, term: str) -> bool:
-        """Whether a term is active."""
+        """Return whether a term is active."""
         return term in self.terms
 
     @property
     def missing_planets(self) -> tuple[str, ...]:
-        """Planets whose gravitational delay is active but left out, because the kernel does not hold them."""
+        """Planets that the ephemeris lacks for their active gravitational delay."""
         if not self.has("shapiro"):
             return ()
         return tuple(name for name in PLANETS_MM if name not in self.ephemeris.bodies)
 
     def provenance(self) -> dict[str, Any]:
-        """Kernels with their checksums, tables with their dates, terms left out: what a result rests on."""
+        """Return kernels with checksums, tables with dates, and terms switched off, for the provenance of results."""
         return {
             "ephemeris": kernel_record(self.ephemeris.kernel, self.ephemeris.name),
             "lunar_orientation": kernel_record(self.libration.kernel, self.libration.frame),
@@ -182,7 +181,7 @@ class PhysicalModel:
 
 
 def kernel_record(kernel: KernelFile, name: str) -> dict[str, str]:
-    """Which file was used: its name, what it is, its checksum and span."""
+    """Return the record of a kernel: name, file, checksum and span."""
     return {
         "name": name,
         "file": Path(kernel.path).name,

@@ -1,8 +1,8 @@
-"""In which directions antennas point: the target as stations see it at the events of its light paths.
+"""Directions of antennas to the target at the events of its light paths.
 
-All directions are those of the light in the frame that moves with the station: annual and diurnal aberration are
-contained, refraction is not. A station that sends points to where the target will be, and its light leaves with the
-aberration of the other sign. The Sun's bending of so near a target's light is below 0.001 arcseconds and left out.
+Directions are those of the light in the frame of the station: they include annual and diurnal aberration, but not
+refraction. A transmitting station points to the later position of the target, with the aberration of the opposite sign.
+The bending of light by the Sun is below 0.001 arcseconds for such near targets and neglected.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ from radioloc.measurements.station_motion import StationMotion
 from radioloc.time import Epochs
 from radioloc.vectors import Floats, cross, dot, normalized, rotated
 
-_SUN_AU = 1.0  # of the distance to the Sun depends the aberration's relativistic part, below 1e-7 arcseconds
+_SUN_DISTANCE_AU = 1.0  # for the relativistic part of aberration, below 1e-7 arcseconds
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Direction:
-    """The target seen from n stations, one event each; angles in degrees, shape (n,)."""
+    """Directions of the target from stations at n events; angles in degrees, shape (n,)."""
 
     azimuth_deg: Floats  # from north through east, 0 to 360
     elevation_deg: Floats  # above the plane normal to the ellipsoid's vertical
@@ -33,16 +33,16 @@ class Direction:
 
 
 def direction(unit_bcrs: Floats, station: StationMotion, tt: Epochs, *, sends: bool = False) -> Direction:
-    """Compute directions from stations to the target, from unit vectors (BCRS) at the events."""
+    """Return directions from stations to the target, from unit vectors (BCRS) at the events."""
     beta = station.point.velocity_m_s / C_M_S * (-1.0 if sends else 1.0)
-    seen = np.asarray(erfa.ab(unit_bcrs, beta, _SUN_AU, np.sqrt(1.0 - dot(beta, beta))))
+    apparent = np.asarray(erfa.ab(unit_bcrs, beta, _SUN_DISTANCE_AU, np.sqrt(1.0 - dot(beta, beta))))
     up = station.up_gcrs
     east = normalized(cross(station.pole_gcrs, up))
-    horizontal = dot(east, seen), dot(cross(up, east), seen)
-    ra_deg, dec_deg = _angles_deg(rotated(erfa.pnm06a(tt.jd, tt.fraction), seen))
+    horizontal = dot(east, apparent), dot(cross(up, east), apparent)
+    ra_deg, dec_deg = _angles_deg(rotated(erfa.pnm06a(tt.jd, tt.fraction), apparent))
     return Direction(
         np.degrees(np.arctan2(*horizontal)) % 360.0,
-        np.degrees(np.arctan2(dot(up, seen), np.hypot(*horizontal))),
+        np.degrees(np.arctan2(dot(up, apparent), np.hypot(*horizontal))),
         ra_deg,
         dec_deg,
         *_angles_deg(unit_bcrs),

@@ -1,4 +1,4 @@
-"""Predictors of the observations of an arc, of all or of some rows, whichever way they evaluate the model."""
+"""Interface of predictors of the observations of an arc."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from radioloc.errors import InputError, StationError
 from radioloc.measurements.link import canonical_target
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
-from radioloc.measurements.target_motion import GivenMotions, Motions, as_motions
+from radioloc.measurements.target_motion import Motions, MotionsLike, as_motions
 from radioloc.measurements.terms import TERMS
 from radioloc.media.status import describe
 from radioloc.quantities import accepts_quantities
@@ -30,7 +30,7 @@ _LANDER_TERMS = ("lunar_tide", "lunar_tide_constant", "lunar_scale", "lunar_lore
 
 @dataclass(frozen=True, slots=True)
 class Computed:
-    """Predicted observations and how they change.
+    """Predicted observations and their partial derivatives.
 
     Parameters
     ----------
@@ -41,27 +41,27 @@ class Computed:
     by_time_m_s : ndarray, shape (n,)
         Partial derivative with respect to the time tag, m/s.
     by_transponder_delay_m_s : ndarray, shape (n,)
-        Partial derivative with respect to the time for which the point holds the signal, m/s: the speed of light to
-        1e-5 for ranges, zero for VLBI delays and next to nothing for what is counted.
+        Partial derivative with respect to the delay of the transponder, m/s: the speed of light to 1e-5 for ranges,
+        zero for VLBI delays, and very small for counts.
     by_zenith_wet : ndarray, shape (n, 2)
         Partial derivatives with respect to the wet zenith delay at the first and at the second station, m/m.
     elevation_rad : ndarray, shape (n, 2)
-        Elevation of the point above the transmitter's and the receiver's horizon, without refraction. For Doppler and
-        delay rates that at the end of the count interval, or at its start if the point is below the horizon only then.
+        Elevation of the target above the horizon of the transmitter and the receiver, without refraction; for counts at
+        the end of the interval, or at its start if the target is below the horizon only there.
     status : ndarray of int8, shape (n, 2)
-        :class:`~radioloc.media.status.Status` at both ends: whether the model holds there, or why not.
+        :class:`~radioloc.media.status.Status` of the model at both ends.
     by_station_itrf : ndarray, shape (n, 2, 3)
-        Partial derivatives with respect to the ITRF coordinates of the first and of the second station, m/m; where they
-        were not asked for the shape is (n, 0, 3).
+        Partial derivatives with respect to the ITRF coordinates of the first and of the second station, m/m; shape
+        (n, 0, 3) without ``more_partials``.
     by_electron_content_m : ndarray, shape (n, 2)
-        Partial derivatives with respect to the vertical electron content above the two stations, m/TECU, NaN without a
-        frequency; where they were not asked for the shape is (n, 0).
+        Partial derivatives with respect to the vertical electron content above both stations, m/TECU, NaN without a
+        frequency; shape (n, 0) without ``more_partials``.
     mean_by_position_pa : ndarray, shape (n, 3)
-        Of a difference over a count interval, the mean of the partials by position at its two ends, which what moves
-        the target in the interval acts by; else as `by_position_pa`. Where it was not asked for the shape is (n, 0).
+        Mean of the partials by position at both ends of a count interval, for displacements during the interval; else
+        as `by_position_pa`; shape (n, 0) without ``more_partials``.
     by_motion : ndarray, shape (n, p)
         Partial derivatives with respect to the parameters of the motions, target by target, m per unit of each; zeros
-        in rows of other targets. Of one point fixed to the Moon they are `by_position_pa`.
+        in rows of other targets. For a single point fixed to the Moon they are `by_position_pa`.
     """
 
     value_m: Floats
@@ -79,74 +79,74 @@ class Computed:
     def __repr__(self) -> str:
         return f"<Computed {len(self.value_m)} observations, {int((~self.usable).sum())} unusable>"
 
-    def rows(self, which: Any) -> Computed:
-        """Some of the rows, chosen by a mask, a slice or indices."""
-        same = self.by_motion is self.by_position_pa
-        names = [field.name for field in fields(self) if not (same and field.name == "by_motion")]
-        columns = {name: getattr(self, name)[which] for name in names}
+    def rows(self, rows: Any) -> Computed:
+        """Return rows by a mask, a slice or indices."""
+        is_shared = self.by_motion is self.by_position_pa
+        names = [field.name for field in fields(self) if not (is_shared and field.name == "by_motion")]
+        columns = {name: getattr(self, name)[rows] for name in names}
         return Computed(**{"by_motion": columns["by_position_pa"], **columns})
 
     @property
     def usable(self) -> NDArray[np.bool_]:
-        """Whether the model holds for an observation, shape (n,)."""
+        """Mask of observations within the validity of the model, shape (n,)."""
         return np.asarray(~self.status.any(axis=-1))
 
 
 class Prediction(Protocol):
-    """The observations of an arc predicted for some motions: the values at once, all else for the rows asked for."""
+    """Predictions of an arc for some motions: values of all rows, and partials of rows on request."""
 
     @property
     def value_m(self) -> Floats:
-        """Range, delay or range difference over the count interval of every observation, m, shape (n,)."""
+        """Range, delay or range difference over the count interval of all observations, m, shape (n,)."""
         ...
 
-    def rows(self, which: Any) -> Computed:
-        """Values and partials of the rows chosen by a mask, a slice or indices, in that order."""
+    def rows(self, rows: Any) -> Computed:
+        """Return values and partials of rows by a mask, a slice or indices, in that order."""
         ...
 
 
 class Predictor(ABC):
-    """The observations of one arc, prepared for predictions by any motions of the targets near approximate ones.
+    """Observations of an arc, prepared for predictions by motions of the targets near approximate motions.
 
     Attributes
     ----------
     model : PhysicalModel
-        What the predictions rest on.
+        Kernels, tables and active terms.
     observations : Observations
-        What is predicted.
+        Predicted observations.
     motions : tuple of TargetMotion
-        Motions of the targets that the arc was prepared at.
+        Approximate motions of the targets.
     targets : tuple of str
-        Names of the targets, in the order of the motions; empty where there is only one.
+        Names of the targets in the order of the motions; empty for a single target.
     target : ndarray of int32, shape (n,)
-        Index of each observation's target among the motions; -1 of a source at infinity.
+        Index of each observation's target among the motions; -1 for a source at infinity.
     stations : tuple of str
-        Names of the stations that take part, each once.
+        Names of the participating stations.
     transmitters, receivers : ndarray of int32, shape (n,)
-        Index into ``stations`` of each observation's first and second station; without a first one it is the second.
+        Indices into ``stations`` of each observation's first and second station, which are equal for one-way.
     more_partials : bool
-        Whether partials by the stations' places and by the electron content above them are computed.
+        Whether partials by station positions and electron contents are computed.
     """
 
     def __init__(
         self,
         model: PhysicalModel,
         observations: Observations,
-        motions: GivenMotions,
+        motions: MotionsLike,
         targets: Sequence[str] = (),
         more_partials: bool = False,
     ) -> None:
         self.model, self.targets, self.more_partials = model, tuple(targets), more_partials
         self.motions = as_motions(motions, model, self.targets)
-        self._take(observations)
+        self._set_observations(observations)
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__} {len(self.observations)} observations by {', '.join(self.stations)}>"
 
-    def _take(self, observations: Observations) -> None:
-        """Find the stations and targets of observations, in the order of their links."""
+    def _set_observations(self, observations: Observations) -> None:
+        """Set the observations, and find their stations and targets in the order of their links."""
         self.observations = observations
-        found: dict[str, Station] = {}
+        stations: dict[str, Station] = {}
         position = {canonical_target(name): k for k, name in enumerate(self.targets)}
         ends = np.zeros((len(observations.links), 3), dtype=np.int32)
         directions = np.zeros((len(observations.links), 3))
@@ -157,111 +157,110 @@ class Predictor(ABC):
                     station = self.model.catalogue.get(name)
                 except StationError as error:
                     raise StationError(f"{origin}: {error}") from None
-                found.setdefault(station.name, station)
-                ends[i, end] = list(found).index(station.name)
+                stations.setdefault(station.name, station)
+                ends[i, end] = list(stations).index(station.name)
             source = self.model.sources.get(canonical_target(link.target))
             if source is not None:
                 if not link.differenced:
                     raise InputError(
-                        f"{origin}: {link.path}: {link.target} is a source at infinity, of which there are VLBI "
-                        "delays only"
+                        f"{origin}: {link.path}: expected a VLBI delay of the source at infinity {link.target}"
                     )
                 ends[i, 2], directions[i] = -1, source
             elif self.targets:
                 if canonical_target(link.target) not in position:
                     raise InputError(
-                        f"{origin}: target {link.target!r} has no position; there are {', '.join(self.targets)}"
+                        f"{origin}: target: expected {' or '.join(self.targets)}, got {link.target!r}"
                     )
                 ends[i, 2] = position[canonical_target(link.target)]
-        self.stations, self._stations = tuple(found), tuple(found.values())
+        self.stations, self._stations = tuple(stations), tuple(stations.values())
         self.transmitters, self.receivers, self.target = (column[observations.link] for column in ends.T)
         self._directions = directions  # of sources at infinity, by link
 
     @property
     def simple(self) -> Predictor:
-        """The predictor of the simple observations that the tracking consists of."""
+        """Predictor of the simple observations."""
         return self
 
     @property
     @abstractmethod
     def predicted_eop(self) -> NDArray[np.bool_]:
-        """Whether an observation rests on predicted Earth orientation, shape (n,)."""
+        """Mask of observations with predicted Earth orientation, shape (n,)."""
 
     @property
     def trajectories(self) -> tuple[AnyTrajectory, ...]:
-        """Trajectories of the targets that are spacecraft."""
+        """Trajectories of the spacecraft."""
         return tuple(motion.trajectory for motion in self.motions if motion.trajectory is not None)
 
-    def _given(self, motions: GivenMotions | None) -> Motions:
-        """Return the given motions, by default those that the arc was prepared at."""
+    def _given(self, motions: MotionsLike | None) -> Motions:
+        """Return motions; by default those of the prepared arc."""
         return self.motions if motions is None else as_motions(motions, self.model, self.targets)
 
     @abstractmethod
-    def at(self, motions: GivenMotions | None = None) -> Prediction:
-        """Predict all values at once, partials of the rows that are asked for.
+    def at(self, motions: MotionsLike | None = None) -> Prediction:
+        """Predict all values, and partials of rows on request.
 
         Parameters
         ----------
         motions : TargetMotion, LunarPosition or trajectory, or a sequence of them
-            Motions of the targets in their order, near those that the arc was prepared at, which are the default.
+            Motions of the targets in their order, near those of the prepared arc, which are the default.
         """
 
     @abstractmethod
-    def select(self, which: Any) -> Predictor:
-        """The arc of some of the observations (a mask, a slice or indices), already prepared.
+    def select(self, rows: Any) -> Predictor:
+        """Return the prepared arc of some observations by a mask, a slice or indices.
 
-        Preparing is nearly all the work of an arc: shorter arcs of the same observations are best parts of the longest.
+        Preparation is most of the work of an arc, so shorter arcs should be selected from the longest one.
         """
 
-    def with_motions(self, motions: GivenMotions) -> Self:
-        """Return the arc with other motions in place of those that it was prepared at, near them."""
-        other = copy.copy(self)
-        other.motions = self._given(motions)
-        return other
+    def with_motions(self, motions: MotionsLike) -> Self:
+        """Return the arc with other approximate motions, near those of its preparation."""
+        arc = copy.copy(self)
+        arc.motions = self._given(motions)
+        return arc
 
     @abstractmethod
-    def with_model(self, model: PhysicalModel, motions: GivenMotions | None = None) -> Predictor:
-        """The same observations prepared with another model, for values only."""
+    def with_model(self, model: PhysicalModel, motions: MotionsLike | None = None) -> Predictor:
+        """Prepare the same observations with another model, for values only."""
 
-    def compute(self, motions: GivenMotions | None = None) -> Computed:
+    def compute(self, motions: MotionsLike | None = None) -> Computed:
         """Predict all observations, with partials; the argument is that of :meth:`at`."""
         return self.at(motions).rows(slice(None))
 
     @accepts_quantities
     def with_values(self, value_m: Floats) -> Self:
-        """The same arc with other measured values, shape (n,), m; nothing is prepared again."""
-        other = copy.copy(self)
-        other.observations = replace(self.observations, value_m=value_m)
-        return other
+        """Return the arc with other measured values, shape (n,), m, without preparation."""
+        arc = copy.copy(self)
+        arc.observations = replace(self.observations, value_m=value_m)
+        return arc
 
-    def terms(self, motions: GivenMotions | None = None) -> dict[str, Floats]:
-        """Table of terms: by how much each active term changes each computed value, m, shape (n,).
+    def terms(self, motions: MotionsLike | None = None) -> dict[str, Floats]:
+        """Return the effect of each active term on each computed value, m, shape (n,).
 
-        Computed with everything minus computed without that term, in the order of
+        The effect is the value with all terms less the value without the term, in the order of
         :data:`~radioloc.measurements.terms.TERMS`.
         """
-        given = self._given(motions)
-        full_m = self.at(given).value_m
-        skip = () if any(motion.trajectory is None for motion in given) else _LANDER_TERMS
+        all_motions = self._given(motions)
+        full_m = self.at(all_motions).value_m
+        has_lander = any(motion.trajectory is None for motion in all_motions)
         table = {}
         for name in TERMS:
-            if self.model.has(name) and name not in skip:
-                without = self.with_model(self.model.without(name), given)
-                table[name] = full_m - without.at(given).value_m
+            if self.model.has(name) and (has_lander or name not in _LANDER_TERMS):
+                reduced = self.with_model(self.model.without(name), all_motions)
+                table[name] = full_m - reduced.at(all_motions).value_m
         return table
 
 
 def reasons(
-    predictor: Predictor, computed: Computed, which: Any = slice(None)
+    predictor: Predictor, computed: Computed, rows: Any = slice(None)
 ) -> tuple[NDArray[np.int8], NDArray[np.str_]]:
-    """Return the first status of each predicted row that is not OK, and the same in words, shapes (n,)."""
-    # `computed` are predictions of the rows `which`; texts are empty where the observation is usable.
-    ends = np.stack([predictor.transmitters[which], predictor.receivers[which]], axis=-1)
+    """Return the first failed status of each predicted row, and its text, shapes (n,)."""
+    # `computed` are predictions of `rows`; texts of usable observations are empty.
+    ends = np.stack([predictor.transmitters[rows], predictor.receivers[rows]], axis=-1)
     return describe(computed.status, computed.elevation_rad, predictor.stations, ends)
 
 
 def blocks(predictor: Predictor) -> Iterator[NDArray[np.intp]]:
-    """Rows of a predictor, some ten thousand at a time."""
+    """Yield blocks of rows of a predictor."""
     n = len(predictor.observations)
     for start in range(0, n, ROWS_AT_ONCE):
         yield np.arange(start, min(start + ROWS_AT_ONCE, n))

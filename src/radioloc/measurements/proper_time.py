@@ -1,21 +1,21 @@
-"""Clocks that keep proper time against TT: of a target that transmits by its own, of stations that nothing steers.
+"""Proper time of clocks against TT: clocks of targets with one-way signals, and free-running clocks of stations.
 
-A clock at rest on the Earth gains (W_0 - W) / c^2 on TT, with the potential W of gravity and rotation where it is and
-W_0 = c^2 L_G that on the geoid (IERS Conventions 2010, section 10.1): 1.09e-13 a kilometre.
+A clock at rest on the Earth gains (W_0 - W) / c^2 on TT, with the potential W of gravity and rotation at the clock and
+W_0 = c^2 L_G on the geoid (IERS Conventions 2010, section 10.1): 1.09e-13 per kilometre.
 
-At the same TDB a clock at the target gains on one at the geocentre that keeps TT, in units of their seconds,
+At the same TDB a clock at the target gains on a geocentric clock that keeps TT, in units of their seconds,
 
     d(tau - TT)/d(TDB) = L_G - [(v^2 - v_E^2) / 2 + w(x) - w_E(x_E)] / c^2
 
 with the barycentric velocities v of target and Earth, the potential w of all bodies at the target and w_E of all but
 the Earth at the geocentre (Moyer 2003, section 11.4; IERS Conventions 2010, section 10.1; Soffel et al. 2003). Terms of
 the order c^-4 are below 1e-17. The rate is integrated along an origin, the spacecraft, or the Moon's centre with the
-Moon's potential at the distance of the point, GM / r. What is at r from the origin is behind it by v.r / c^2, as
-simultaneity is that of the barycentric frame. Left out on the Moon are tides, its rotation and the degrees of its
-field: 1e-14 at most, all but constant.
+Moon's potential at the distance of the point, GM / r. A clock at r from the origin is behind it by v.r / c^2, by the
+simultaneity of the barycentric frame. Neglected on the Moon are tides, its rotation and the degrees of its field: 1e-14
+at most, nearly constant.
 
-At an epoch that is chosen once for an arc the origin's clock reads TT of the same instant in the geocentric frame, as
-if it had been set from the Earth; at the same TDB that is v_E.r / c^2 behind the geocentre's, up to 130 microseconds.
+At a common epoch of the arc the origin's clock reads TT of the same instant in the geocentric frame, as if set from the
+Earth. At the same TDB it is v_E.r / c^2 behind the geocentric clock, up to 130 microseconds.
 """
 
 from __future__ import annotations
@@ -38,8 +38,8 @@ from radioloc.time import Epochs, tt_to_tdb, utc_to_tt
 from radioloc.vectors import Floats, dot
 
 _STEP_S, _STEP_IN_ORBIT_S = 3600.0, 30.0
-"""A cubic spline between rates so far apart is good to 1e-18, in a low orbit of two hours to 1e-18 as well."""
-MIN_GAP_S = 3600.0  # after a longer gap counts begin anew
+"""Steps in which a cubic spline of the rate has errors of 1e-18, on the Moon and in a low orbit of two hours."""
+MIN_GAP_S = 3600.0  # a longer gap separates counts
 # Normal gravity of GRS80 by Somigliana's formula (Moritz 2000, J. Geod. 74, 128).
 _EQUATOR_M_S2, _K, _E2, _EQUATOR_M = 9.7803267715, 0.001931851353, 0.00669438002290, 6378137.0
 
@@ -54,36 +54,37 @@ def station_rate(station: Station) -> float:
 
 @dataclass(frozen=True, slots=True)
 class TargetClock:
-    """What the target's clock is ahead of TT at the geocentre, near one event each; of what is not one-way zeros."""
+    """Offset of the target's clock from TT at the geocentre near each event; zeros for signals other than one-way."""
 
-    ahead_s: Floats  # at the origin, at the instant of its motion
+    offset_s: Floats  # at the origin, at the instant of its motion
     rate: Floats
-    kept: NDArray[np.bool_]  # whether it reads anything
+    is_one_way: NDArray[np.bool_]
 
-    def together(self, others: Sequence[TargetClock]) -> TargetClock:
-        """Return the clock with those of other targets, each of its own events."""
-        clocks = (self, *others)
+    def merged_with(self, clocks: Sequence[TargetClock]) -> TargetClock:
+        """Return the clock merged with those of other targets, which have other events."""
         return TargetClock(
-            sum((clock.ahead_s for clock in others), self.ahead_s),
-            sum((clock.rate for clock in others), self.rate),
-            np.any([clock.kept for clock in clocks], axis=0),
+            sum((clock.offset_s for clock in clocks), self.offset_s),
+            sum((clock.rate for clock in clocks), self.rate),
+            np.any([clock.is_one_way for clock in (self, *clocks)], axis=0),
         )
 
-    def at(self, origin: MovingPoint, point: MovingPoint, offset_s: Floats) -> tuple[Floats, Floats, Floats]:
-        """How far it is ahead at a point and an instant nearby, s, with derivatives by time and by place (s/m)."""
-        if not self.kept.any():
-            nothing = np.zeros(len(self.kept))
-            return nothing, nothing, np.zeros((len(self.kept), 3))
-        later_s = offset_s - origin.offset_s
+    def reading_at(
+        self, origin: MovingPoint, point: MovingPoint, instant_s: Floats
+    ) -> tuple[Floats, Floats, Floats]:
+        """Return the offset at a point and a near instant, s, with derivatives by time and by place (s/m)."""
+        if not self.is_one_way.any():
+            zeros = np.zeros(len(self.is_one_way))
+            return zeros, zeros, np.zeros((len(self.is_one_way), 3))
+        elapsed_s = instant_s - origin.offset_s
         from_origin_m, velocity_m_s = point.position_m - origin.position_m, origin.velocity_m_s
-        ahead_s = self.ahead_s + self.rate * later_s - dot(velocity_m_s, from_origin_m) / C_M_S**2
+        offset_s = self.offset_s + self.rate * elapsed_s - dot(velocity_m_s, from_origin_m) / C_M_S**2
         rate = self.rate - dot(velocity_m_s, point.velocity_m_s - velocity_m_s) / C_M_S**2
         by_place = -velocity_m_s / C_M_S**2
-        return ahead_s * self.kept, rate * self.kept, by_place * self.kept[:, None]
+        return offset_s * self.is_one_way, rate * self.is_one_way, by_place * self.is_one_way[:, None]
 
 
 def clock_epoch(observations: Observations, trajectory: AnyTrajectory | None = None) -> Epochs | None:
-    """Return the TDB at which the target's clock reads TT: 0h UTC of the first day, or when its trajectory begins."""
+    """Return the TDB at which the target's clock reads TT: 0h UTC of the first day, or the start of its trajectory."""
     if not len(observations):
         return None
     first = observations.span()[:1]
@@ -98,64 +99,64 @@ def clock_epoch(observations: Observations, trajectory: AnyTrajectory | None = N
 def target_clock(
     model: PhysicalModel,
     tdb: Epochs,
-    kept: NDArray[np.bool_],
+    is_one_way: NDArray[np.bool_],
     radius_m: Floats,
     epoch: Epochs | None,
     trajectory: AnyTrajectory | None = None,
 ) -> TargetClock:
-    """Return the target's clock at events (TDB) where it is `kept`; it reads TT at one `epoch` (TDB), if given."""
-    # `radius_m` is the distance of points on the Moon from its centre; a trajectory needs none. Without an epoch it
-    # agrees when the counts of a pass begin.
-    ahead_s, rate = np.zeros((2, len(tdb)))
-    rows = np.flatnonzero(kept)
+    """Return the target's clock at events (TDB) of one-way signals; it reads TT at `epoch` (TDB), if given."""
+    # `radius_m` is the distance of points on the Moon from its centre, unused for a trajectory. Without an epoch the
+    # clock reads TT at the start of the counts of each pass.
+    offset_s, rate = np.zeros((2, len(tdb)))
+    rows = np.flatnonzero(is_one_way)
     if len(rows):
         zero = tdb[rows[:1]] if epoch is None else epoch
         since_s = tdb[rows].seconds_since(zero)
-        ahead_s[rows], rate[rows] = _gained(model, zero, since_s, trajectory, whole=epoch is not None)
+        offset_s[rows], rate[rows] = _gain(model, zero, since_s, trajectory, continuous=epoch is not None)
         if trajectory is None:
             of_moon = model.ephemeris.constants.gm_moon_m3_s2 / radius_m[rows] / C_M_S**2
-            ahead_s[rows] -= of_moon * since_s
+            offset_s[rows] -= of_moon * since_s
             rate[rows] -= of_moon
-    return TargetClock(ahead_s, rate, kept)
+    return TargetClock(offset_s, rate, is_one_way)
 
 
-def _gained(
+def _gain(
     model: PhysicalModel,
     zero: Epochs,
     since_s: Floats,
     trajectory: AnyTrajectory | None,
     *,
-    whole: bool,
+    continuous: bool,
 ) -> tuple[Floats, Floats]:
-    """What the origin's clock has gained since `zero` and its rate; but for the `whole` arc, since a gap ended."""
+    """Return the gain of the origin's clock since `zero`, or since the last gap unless `continuous`, and its rate."""
     from scipy.interpolate import CubicSpline
 
-    gained_s, rate = np.zeros((2, len(since_s)))
+    gain_s, rate = np.zeros((2, len(since_s)))
     order = np.argsort(since_s)
     gaps = np.flatnonzero(np.diff(since_s[order]) > MIN_GAP_S) + 1
-    for rows in [order] if whole else np.split(order, gaps):
+    for rows in [order] if continuous else np.split(order, gaps):
         first_s, last_s = since_s[rows[0]], since_s[rows[-1]]
-        if whole:
+        if continuous:
             first_s, last_s = min(first_s, 0.0), max(last_s, 0.0)
         length_s = max(last_s - first_s, 1e-3)
         steps = int(np.ceil(length_s / (_STEP_S if trajectory is None else _STEP_IN_ORBIT_S)))
         knots_s = first_s + length_s * np.linspace(0.0, 1.0, max(steps, 3) + 1)
         tdb = zero[:1].shifted(knots_s)
-        left_out = "moon" if trajectory is None else ""
+        excluded = "moon" if trajectory is None else ""
         at_knots = CubicSpline(
-            knots_s, L_G + clock_rate(model.ephemeris, tdb, *_state(model, tdb, trajectory), left_out)
+            knots_s, L_G + clock_rate(model.ephemeris, tdb, *_state(model, tdb, trajectory), excluded)
         )
-        grown = at_knots.antiderivative()
-        gained_s[rows] = grown(since_s[rows]) - grown(0.0 if whole else first_s)
+        integral = at_knots.antiderivative()
+        gain_s[rows] = integral(since_s[rows]) - integral(0.0 if continuous else first_s)
         rate[rows] = at_knots(since_s[rows])
-    if whole:
+    if continuous:
         place_m, _ = _state(model, zero, trajectory)
-        gained_s -= dot(model.ephemeris.earth(zero).velocity_m_s, place_m) / C_M_S**2
-    return gained_s, rate
+        gain_s -= dot(model.ephemeris.earth(zero).velocity_m_s, place_m) / C_M_S**2
+    return gain_s, rate
 
 
 def _state(model: PhysicalModel, tdb: Epochs, trajectory: AnyTrajectory | None) -> tuple[Floats, Floats]:
-    """Geocentric position and velocity of the spacecraft, or of the Moon's centre."""
+    """Return geocentric position and velocity of the spacecraft, or of the Moon's centre."""
     if trajectory is None:
         return model.ephemeris.geocentric("moon", tdb)
     return trajectory.geocentric(model.ephemeris, tdb)

@@ -1,4 +1,4 @@
-"""Readings that are whole multiples of a step: the rounding error is step / sqrt(12), whatever sigma is stated."""
+"""Readings rounded to multiples of a step, with a rounding error of step / sqrt(12)."""
 
 from __future__ import annotations
 
@@ -14,64 +14,64 @@ from radioloc.measurements.observations import Observations
 from radioloc.measurements.registry import KINDS
 from radioloc.vectors import Floats
 
-_MIN_READINGS = 10  # a common divisor of fewer differences may be one by chance
-_MIN_CHANGES = 5  # an outlier among equal readings changes the value twice
-_SAMPLE = 300  # readings of a series from which the step is found
-_MAX_UPLINKS = 200  # more of them are recorded row by row
-_TOLERANCE = 1e-3  # of the smallest step in question, by which multiples may be off
+_MIN_READING_COUNT = 10  # fewer differences may have a common divisor by chance
+_MIN_CHANGE_COUNT = 5  # an outlier among equal readings changes the value twice
+_SAMPLE_SIZE = 300  # readings of a series that determine the step
+_MAX_UPLINK_COUNT = 200  # more frequencies vary from row to row
+_TOLERANCE = 1e-3  # of multiples, relative to the smallest possible step
 
 
-def common_step(values: Floats, least: float) -> float:
-    """Return the largest step above `least` of which all differences of values are multiples; 0 where there is none."""
-    if len(values) < _MIN_READINGS or not least > 0.0:
+def common_step(values: Floats, min_step: float) -> float:
+    """Return the largest step above `min_step` whose multiples are all differences of values, or 0 without one."""
+    if len(values) < _MIN_READING_COUNT or not min_step > 0.0:
         return 0.0
-    tolerance = max(_TOLERANCE * least, 16.0 * float(np.spacing(np.abs(values).max())))
-    sample = values[np.unique(np.linspace(0, len(values) - 1, _SAMPLE).astype(np.intp))]
+    tolerance = max(_TOLERANCE * min_step, 16.0 * float(np.spacing(np.abs(values).max())))
+    sample = values[np.unique(np.linspace(0, len(values) - 1, _SAMPLE_SIZE).astype(np.intp))]
     changes = np.abs(np.diff(sample))
-    # Equal changes throughout are a straight line, of which any spacing is a common divisor.
-    if np.ptp(changes) <= tolerance or np.count_nonzero(changes > tolerance) < _MIN_CHANGES:
+    # Equal changes are a straight line, whose spacing is always a common divisor.
+    if np.ptp(changes) <= tolerance or np.count_nonzero(changes > tolerance) < _MIN_CHANGE_COUNT:
         return 0.0
     differences = np.unique(changes[changes > tolerance]).tolist()
     step = differences[0]
-    while step >= least:
-        fitted, rest = _fitted_step(step, differences, tolerance)
-        if not rest:
+    while step >= min_step:
+        fitted, remainder = _fitted_step(step, differences, tolerance)
+        if not remainder:
             multiples = (values - values[0]) / fitted
             return fitted if np.abs(multiples - np.rint(multiples)).max() * fitted <= 4.0 * tolerance else 0.0
-        step = rest  # as in Euclid's algorithm
+        step = remainder  # Euclid's algorithm
     return 0.0
 
 
 def _fitted_step(step: float, differences: list[float], tolerance: float) -> tuple[float, float]:
-    """Fit a step to multiples of it, the smallest first; and the remainder of the first that is none, or 0."""
+    """Fit a step to its multiples, from the smallest; return it and the first remainder above the tolerance, or 0."""
     for difference in differences:
         count = round(difference / step)
-        rest = abs(difference - count * step)
-        if rest > tolerance:
-            return step, rest
+        remainder = abs(difference - count * step)
+        if remainder > tolerance:
+            return step, remainder
         if count:
             step = difference / count
     return step, 0.0
 
 
 def with_rounding_in_sigmas(observations: Observations) -> Observations:
-    """Raise the sigmas of series of readings to step / sqrt(12) where they are below, with a warning.
+    """Raise the sigmas of rounded series to at least step / sqrt(12), with a warning.
 
-    Otherwise Chang'e-5's ranges in steps of 100 m, stated with 1 m, do not converge (test_quantised.py).
+    Without it, fits of Chang'e-5 ranges in steps of 100 m with sigmas of 1 m do not converge (test_quantised.py).
     """
-    # A series is of one file, link, type, count interval and, where these are few, transmitted frequency.
+    # A series has the same file, link, type, count interval and, with few frequencies, transmitted frequency.
     of_series = ("file", "link", "kind", "count_s")
     columns: list[NDArray[Any]] = [np.nan_to_num(getattr(observations, name)) for name in of_series]
-    # Steps of a received frequency are those of the value under one transmitted frequency.
+    # Steps of a received frequency are steps of the value at a constant transmitted frequency.
     uplink_hz = np.nan_to_num(observations.uplink_hz)
-    if len(uplink_hz) and np.ptp(uplink_hz) and len(np.unique(uplink_hz)) <= _MAX_UPLINKS:
+    if len(uplink_hz) and np.ptp(uplink_hz) and len(np.unique(uplink_hz)) <= _MAX_UPLINK_COUNT:
         columns.append(uplink_hz)
     order = np.lexsort(columns)
     changes = np.any([np.diff(column[order]) != 0 for column in columns], axis=0)
     sigma_m = observations.sigma_m
     for rows in np.split(order, np.flatnonzero(changes) + 1):
-        least_m = np.sqrt(12.0) * float(sigma_m[rows].min(initial=np.inf))
-        step_m = common_step(observations.value_m[rows], least_m)
+        min_step_m = np.sqrt(12.0) * float(sigma_m[rows].min(initial=np.inf))
+        step_m = common_step(observations.value_m[rows], min_step_m)
         if not step_m:
             continue
         rounding_m = step_m / np.sqrt(12.0)

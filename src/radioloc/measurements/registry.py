@@ -1,13 +1,13 @@
-"""Types of measurement: those of the package, and those of other packages.
+"""Types of measurement of the package, of other packages, and of :func:`radioloc.register`.
 
-A package adds its own by an entry point of the group ``radioloc.measurements`` that names a
-:class:`~radioloc.measurements.measurement_type.MeasurementType`.
+Other packages add a :class:`~radioloc.measurements.measurement_type.MeasurementType` by an entry point of the group
+``radioloc.measurements``.
 
-Values are light times in metres. Time tags are UTC at the station and name the transmission or the reception, or, as if
-by a clock at the geocentre, the bounce.
+Values are light times in metres. Time tags are UTC of the transmission or the reception at a station, or of the bounce
+by a clock at the geocentre.
 
-Range: the time of flight from a station over the target to a station, by the stations' clocks: a round trip, never its
-half. Moyer (2003), section 13.5. Integrated Doppler: the round-trip range at the end of the count interval less that at
+Range: the time of flight from a station over the target to a station, by the stations' clocks: always a round trip.
+Moyer (2003), section 13.5. Integrated Doppler: the round-trip range at the end of the count interval less that at
 its start, tagged at the middle of the interval. Moyer (2003), section 13.3, at one uplink frequency.
 
 One-way range: the time of flight from the target to a station, reception read by the station's clock less transmission
@@ -44,7 +44,7 @@ def _of_stations(one_way: str) -> Callable[[Link], tuple[Part, ...]]:
     )
 
 
-_OWN = [
+_PACKAGED = [
     MeasurementType(
         name="range",
         description="round-trip light time from a station over the target to the same (two-way) or another station "
@@ -60,7 +60,7 @@ _OWN = [
         geometry=Geometry.BASELINE,
         tags=("receive",),
         largest_m=12.8e6,
-        limit="a VLBI delay is not longer than the Earth (12.8e6 m, 43 ms)",
+        limit="a VLBI delay below the Earth's diameter (12.8e6 m, 43 ms)",
     ),
     MeasurementType(
         name="doppler",
@@ -77,9 +77,9 @@ _OWN = [
         integrated=True,
         tags=("receive",),
         largest_m=12.8e6,
-        # Two stations on the equator, one on either side of the Earth, part by 2 x 465 m/s.
+        # Two stations on opposite sides of the equator separate by 2 x 465 m/s.
         fastest_m_s=1000.0,
-        limit="a VLBI delay changes by less than 1000 m in a second of its count interval",
+        limit="a change of the VLBI delay below 1000 m in a second of the count interval",
     ),
     MeasurementType(
         name="one_way_range",
@@ -127,39 +127,39 @@ _OWN = [
         ),
     ),
 ]
-_OWN_PLACES = {kind.name: place for place, kind in enumerate(_OWN)}
+_PACKAGED_CODES = {kind.name: code for code, kind in enumerate(_PACKAGED)}
 
-MEASUREMENTS: Mapping[str, MeasurementType] = Registry("radioloc.measurements", MeasurementType, _OWN)
-"""Types of measurement by name; :attr:`Observations.kind` holds places in this order."""
+MEASUREMENTS: Mapping[str, MeasurementType] = Registry("radioloc.measurements", MeasurementType, _PACKAGED)
+"""Types of measurement by name; :attr:`Observations.kind` has indices in this order."""
 
 KINDS = DerivedNames(lambda: MEASUREMENTS)  # their names
 
 
 def _table(trait: str) -> NDArray[np.bool_]:
-    """Whether each type has a trait, or the geometry of that name."""
+    """Return a mask of types that have a trait, or the geometry of that name."""
     return np.array([getattr(kind, trait, kind.geometry.name == trait) for kind in MEASUREMENTS.values()])
 
 
 def is_integrated(kind: NDArray[np.int8]) -> NDArray[np.bool_]:
-    """Whether measurements are differences over a count interval: Doppler and delay rates."""
+    """Return a mask of differences over a count interval: Doppler and delay rates."""
     return np.asarray(_table("integrated")[kind])
 
 
 def is_differenced(kind: NDArray[np.int8]) -> NDArray[np.bool_]:
-    """Whether measurements belong to a baseline, two stations that receive."""
+    """Return a mask of measurements of baselines, two stations that receive."""
     return np.asarray(_table("on_baseline")[kind])
 
 
 def is_one_way(kind: NDArray[np.int8]) -> NDArray[np.bool_]:
-    """Whether measurements are of a signal that the target generates, at one station."""
+    """Return a mask of one-way measurements, of a signal from the target at a station."""
     return np.asarray(_table("ONE_WAY")[kind])
 
 
 def is_combined(kind: NDArray[np.int8]) -> NDArray[np.bool_]:
-    """Whether measurements are linear combinations of simpler ones."""
+    """Return a mask of linear combinations of simple measurements."""
     return np.asarray(_table("COMBINED")[kind])
 
 
 def kind_of(name: str) -> int:
-    """Place of a type of measurement in :data:`KINDS`."""
-    return _OWN_PLACES[name] if name in _OWN_PLACES else KINDS.index(name)
+    """Return the index of a type of measurement in :data:`KINDS`."""
+    return _PACKAGED_CODES[name] if name in _PACKAGED_CODES else KINDS.index(name)

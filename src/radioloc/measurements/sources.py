@@ -1,8 +1,8 @@
-"""Radio sources at infinity, such as quasars, by name: VLBI delays of them tell the stations' clocks.
+"""Radio sources at infinity, such as quasars, whose VLBI delays determine the stations' clocks.
 
-A list is a table with the columns ``source,right_ascension_deg,declination_deg``, or one of the ICRF as the IERS
-publishes them (``icrf3sx.txt``): lines that begin with ICRF have designation, name of the IERS, perhaps a D for
-defining sources, right ascension (h, min, s) and declination (deg, arcmin, arcsec).
+A list is a table with the columns ``source,right_ascension_deg,declination_deg``, or a file of the ICRF as published by
+the IERS (``icrf3sx.txt``). Its lines begin with ICRF and have designation, name of the IERS, a D for defining sources,
+right ascension (h, min, s) and declination (deg, arcmin, arcsec).
 """
 
 from __future__ import annotations
@@ -24,21 +24,20 @@ COLUMNS = ("source", "right_ascension_deg", "declination_deg")
 
 _TO_GALACTIC_CENTRE = np.radians([266.4051, -28.936175])
 _ABERRATION_RAD_YR = 5.8e-6 * ARCSEC_RAD
-_EPOCH_JD = 2457023.5  # the acceleration of the solar system moves sources; the ICRF3 has them at 2015.0
+_EPOCH_JD = 2457023.5  # 2015.0, the epoch of ICRF3 for the acceleration of the solar system
 
 Sources = Mapping[str, Floats]  # directions, BCRS unit vectors of shape (3,), by canonical names
 
 
 def read_sources(path: str | Path) -> dict[str, Floats]:
-    r"""Read a list of sources: their directions in the ICRS, unit vectors, by names in lower case.
+    r"""Read a list of sources: directions in the ICRS, unit vectors of shape (3,), by names in lower case.
 
-    Those of a list of the ICRF are known by the names of the IERS (``0059+581``) and by designations
-    (``j010245.7+582411``).
+    Sources of the ICRF have the names of the IERS (``0059+581``) and designations (``j010245.7+582411``).
 
     Raises
     ------
     FileFormatError
-        It is no such list, or a line cannot be; the message names it.
+        The file is not a list of sources, or a line is invalid.
 
     Examples
     --------
@@ -49,22 +48,24 @@ def read_sources(path: str | Path) -> dict[str, Floats]:
     >>> {name: direction.round(6).tolist() for name, direction in read_sources(path).items()}
     {'0059+581': [0.504416, 0.141696, 0.851755]}
     """
-    found: dict[str, Floats] = {}
+    sources: dict[str, Floats] = {}
     icrf = [(k, line) for k, line in enumerate(read_lines(path), 1) if line.startswith("ICRF J")]
     rows = icrf or read_rows(path, COLUMNS, "a list of sources has lines of the ICRF, or it")
     for number, row in rows:
         try:
             names, angles_rad = _of_icrf(row) if isinstance(row, str) else _of_table(row)
         except (ValueError, IndexError):
-            said = row if isinstance(row, str) else ",".join(row.values())
-            raise FileFormatError(path, f"{said.strip()!r} is no source with its place", number) from None
+            text = row if isinstance(row, str) else ",".join(row.values())
+            raise FileFormatError(
+                path, f"expected a source with its direction, got {text.strip()!r}", number
+            ) from None
         direction = erfa.s2c(*angles_rad)
         for name in map(canonical_target, names):
-            if not np.array_equal(found.setdefault(name, direction), direction):
-                raise FileFormatError(path, f"{name} is there twice, in two places", number)
-    if not found:
-        raise FileFormatError(path, "has columns, but no sources")
-    return found
+            if not np.array_equal(sources.setdefault(name, direction), direction):
+                raise FileFormatError(path, f"{name} is duplicated with another direction", number)
+    if not sources:
+        raise FileFormatError(path, "expected sources, got none")
+    return sources
 
 
 def _of_table(row: Mapping[str, str]) -> tuple[list[str], tuple[float, float]]:
@@ -73,11 +74,11 @@ def _of_table(row: Mapping[str, str]) -> tuple[list[str], tuple[float, float]]:
 
 
 def _of_icrf(line: str) -> tuple[list[str], tuple[float, float]]:
-    _, designation, name, *rest = line.split()
-    numbers = rest[1:] if rest[0] == "D" else rest
+    _, designation, name, *words = line.split()
+    numbers = words[1:] if words[0] == "D" else words
     hours, minutes, seconds, degrees, arcmin, arcsec = map(float, numbers[:6])
     size_deg = abs(degrees) + arcmin / 60.0 + arcsec / 3600.0
-    # Of -00 degrees the sign is in the text.
+    # The text of -00 degrees has the sign.
     declination_deg = -size_deg if numbers[3].startswith("-") else size_deg
     return [name, designation], _checked(15.0 * (hours + minutes / 60.0 + seconds / 3600.0), declination_deg)
 
@@ -89,11 +90,10 @@ def _checked(right_ascension_deg: float, declination_deg: float) -> tuple[float,
 
 
 def with_galactic_aberration(direction: Floats, tdb: Epochs) -> Floats:
-    """Return directions (n, 3) at epochs, of sources that are given for 2015.0, as in the ICRF3."""
+    """Return directions (n, 3) at epochs from those at 2015.0, the epoch of ICRF3."""
     # Aberration by the acceleration towards the centre of the Galaxy grows by 5.8 microarcseconds a year (Charlot et
     # al. 2020, Astron. Astrophys. 644, A159).
     years = ((tdb.jd - _EPOCH_JD) + tdb.fraction) / 365.25
-    towards = np.broadcast_to(erfa.s2c(*_TO_GALACTIC_CENTRE), direction.shape)
-    across = towards - direction * dot(towards, direction)[:, None]
-    moved = direction + across * (_ABERRATION_RAD_YR * years)[:, None]
-    return normalized(moved)
+    galactic_centre = np.broadcast_to(erfa.s2c(*_TO_GALACTIC_CENTRE), direction.shape)
+    transverse = galactic_centre - direction * dot(galactic_centre, direction)[:, None]
+    return normalized(direction + transverse * (_ABERRATION_RAD_YR * years)[:, None])

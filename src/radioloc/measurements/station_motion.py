@@ -1,4 +1,4 @@
-"""Where stations on Earth are, seen from the barycentre, near the instant at which a signal leaves or arrives."""
+"""Barycentric motion of stations near the instants of transmission and reception."""
 
 from __future__ import annotations
 
@@ -22,35 +22,35 @@ from radioloc.vectors import Floats, cross, dot, east_north_up, length, rotated
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StationMotion(StationState):
-    """One station per observation, near one instant each."""
+    """States of the station of each observation near an instant."""
 
     point: MovingPoint  # in the BCRS, from the geocentre at the reference epoch
     tdb_minus_tt_s: Floats  # at the station
-    topocentric_s: Floats  # the part of it that depends on the place, v_E . r / c^2
+    topocentric_s: Floats  # part of TDB - TT that depends on the place, v_E . r / c^2
     tdb_rate: Floats  # of TDB - TT at the station
-    geocentric_tdb_rate: Floats  # of the part that does not depend on the place
+    geocentric_tdb_rate: Floats  # of the part that is independent of the place
     rot_itrf_to_gcrs: Floats  # shape (n, 3, 3)
     predicted_eop: NDArray[np.bool_]  # whether Earth orientation was a prediction
 
     def tdb_minus_tt_at(self, offset_s: Floats) -> Floats:
-        """TDB - TT at the station at another instant nearby, s, shape (n,)."""
+        """Return TDB - TT at the station at a near instant, s, shape (n,)."""
         return self.tdb_minus_tt_s + self.tdb_rate * (offset_s - self.point.offset_s)
 
     def geocentric_tdb_minus_tt_at(self, offset_s: Floats) -> Floats:
-        """TDB - TT at the geocentre at another instant nearby, s, shape (n,)."""
-        there_s = self.tdb_minus_tt_s - self.topocentric_s
-        return there_s + self.geocentric_tdb_rate * (offset_s - self.point.offset_s)
+        """Return TDB - TT at the geocentre at a near instant, s, shape (n,)."""
+        geocentric_s = self.tdb_minus_tt_s - self.topocentric_s
+        return geocentric_s + self.geocentric_tdb_rate * (offset_s - self.point.offset_s)
 
 
 def station_motion(
     model: PhysicalModel,
     stations: tuple[Station, ...],
-    which: NDArray[np.int32],
+    station_index: NDArray[np.int32],
     reference: Epochs,
     reference_earth: EarthState,
     offset_s: Floats,
 ) -> StationMotion:
-    """Return the motion of the `which` stations, at most some seconds from the reference epochs (TDB)."""
+    """Return the motion of stations by index, at most some seconds from the reference epochs (TDB)."""
     # The event's BCRS place is x_E(TDB) + r - r (U/c^2 + L_B - L_G) - v_E (v_E . r) / (2 c^2), with r the GCRS position
     # scaled for TT, as ITRF coordinates are, and U the potential of Sun and Moon at the geocentre (Moyer 2003, eq. 4-10
     # and 4-17; IERS Conventions 2010, section 11.1). Terms with the Earth's acceleration are below 3 micrometres.
@@ -63,9 +63,9 @@ def station_motion(
     rot = rotation.rot_itrf_to_gcrs
     rest_m = np.empty_like(moon_m)
     for i, station in enumerate(stations):
-        rows = np.flatnonzero(which == i)
-        moves = model.has("station_velocity")
-        rest_m[rows] = station.position_at(tt[rows]) if moves else station.itrf2020[0]
+        rows = np.flatnonzero(station_index == i)
+        has_velocity = model.has("station_velocity")
+        rest_m[rows] = station.position_at(tt[rows]) if has_velocity else station.itrf2020[0]
     itrf_m = rest_m
     if model.has("solid_earth_tide"):
         moon_itrf_m, sun_itrf_m = (rotated(np.swapaxes(rot, -1, -2), body_m) for body_m in (moon_m, sun_m))
@@ -80,13 +80,13 @@ def station_motion(
         if model.has("tidal_geocentre") and (loading is None or not loading.geocentre_included):
             of_station_m += TIDAL_GEOCENTRE_M
     if tides_m.any():
-        itrf_m = itrf_m + sum_of_tides(tides_m[which], tt, rotation.ut1.fraction)
-    places = geodetic_from_itrf(_given_itrf_m(stations))
-    up_itrf = east_north_up(places.longitude_rad, places.latitude_rad)[which, 2]
+        itrf_m = itrf_m + sum_of_tides(tides_m[station_index], tt, rotation.ut1.fraction)
+    places = geodetic_from_itrf(_itrf_m(stations))
+    up_itrf = east_north_up(places.longitude_rad, places.latitude_rad)[station_index, 2]
 
     gcrs_m = rotated(rot, itrf_m)
     gcrs_velocity_m_s = rotated(rotation.rot_itrf_to_gcrs_rate, itrf_m)
-    # The station's own TT is later or earlier than the geocentre's by up to 2 microseconds, in which it moves 1 mm.
+    # TT at the station differs from TT at the geocentre by up to 2 microseconds, in which it moves 1 mm.
     topocentric_s = topocentric_tdb_minus_tt(earth.velocity_m_s, gcrs_m)
     gcrs_m = gcrs_m - gcrs_velocity_m_s * topocentric_s[:, None]
 
@@ -116,8 +116,8 @@ def station_motion(
         + topocentric_tdb_minus_tt(earth.acceleration_m_s2, gcrs_m),
         geocentric_tdb_rate=geocentric_rate,
         rot_itrf_to_gcrs=rot,
-        latitude_rad=places.latitude_rad[which],
-        height_m=places.height_m[which],
+        latitude_rad=places.latitude_rad[station_index],
+        height_m=places.height_m[station_index],
         predicted_eop=rotation.predicted,
     )
 
@@ -125,19 +125,21 @@ def station_motion(
 def rough_station_motion(
     model: PhysicalModel,
     stations: tuple[Station, ...],
-    which: NDArray[np.int32],
+    station_index: NDArray[np.int32],
     tt: Epochs,
     earth: EarthState,
 ) -> MovingPoint:
-    """Motion of both stations of each path near the reference epochs, to some 20 m; all first ones, then all second."""
+    """Return the motion of stations of all first ends and all second ends near the reference epochs, to some 20 m."""
     rot = model.earth.rough_rotation(tt)
-    both = np.tile(np.arange(len(tt)), 2)
-    gcrs_m = rotated(rot[both], _given_itrf_m(stations)[which])
-    spin_rad_s = EARTH_ROTATION_RAD_S * rot[both, :, 2]
-    return MovingPoint(np.zeros(len(which)), gcrs_m, earth.velocity_m_s[both] + cross(spin_rad_s, gcrs_m))
+    path = np.tile(np.arange(len(tt)), 2)
+    gcrs_m = rotated(rot[path], _itrf_m(stations)[station_index])
+    spin_rad_s = EARTH_ROTATION_RAD_S * rot[path, :, 2]
+    return MovingPoint(
+        np.zeros(len(station_index)), gcrs_m, earth.velocity_m_s[path] + cross(spin_rad_s, gcrs_m)
+    )
 
 
-def _given_itrf_m(stations: tuple[Station, ...]) -> Floats:
+def _itrf_m(stations: tuple[Station, ...]) -> Floats:
     return np.reshape([station.itrf_m for station in stations], (-1, 3))
 
 

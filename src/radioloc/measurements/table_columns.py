@@ -1,8 +1,8 @@
-"""Named columns of observations, of a file or of a table in memory, as what a table of observations is made of.
+"""Named columns of observations, of a file or of a table in memory, converted to a table of observations.
 
-What each holds is said in ``docs/reference/observation-table.md``. An epoch is ``epoch_utc``, text or a timestamp, or
-(not in CSV files) ``utc_date`` and ``utc_ps``, the picoseconds since midnight, of a leap second 86400e12 to 86401e12.
-Columns are read as Arrow has them, which is imported when the first is, since that takes a tenth of a second.
+``docs/reference/observation-table.md`` defines the columns. An epoch is ``epoch_utc``, text or a timestamp, or (except
+in CSV files) ``utc_date`` and ``utc_ps``, the picoseconds since midnight, 86400e12 to 86401e12 in a leap second.
+Columns are Arrow arrays; Arrow is imported on first use, as that takes a tenth of a second.
 """
 
 from __future__ import annotations
@@ -49,10 +49,10 @@ UNITS = {
     "count_s": "s",
     "modulus_m": "m",
 }
-"""Of the columns of numbers of a table of observations, as astropy spells them."""
+"""Units of the columns of numbers in the notation of astropy."""
 
-_KNOWN = (*COLUMNS, *SPLIT_EPOCH)
-_SAME = {"value_m": "observed_m"}  # names that tables of observations in memory have and files do not
+_ALL_COLUMNS = (*COLUMNS, *SPLIT_EPOCH)
+_ALIASES = {"value_m": "observed_m"}  # names of tables in memory by those of files
 _ORIGIN = ("file", "line")
 _TABLE = "table"
 _TEXTS: dict[str, tuple[str, type[np.integer]]] = {
@@ -61,7 +61,7 @@ _TEXTS: dict[str, tuple[str, type[np.integer]]] = {
     "time_tag": ("tag", np.int8),
 }
 _TICKS = {"s": 1, "ms": 10**3, "us": 10**6, "ns": 10**9}
-# Types of Arrow, by their names.
+# Names of types of Arrow.
 _TEXT, _INTEGER, _NUMBER = (
     re.compile(form)
     for form in ("(large_)?string|string_view", r"u?int\d+", r"u?int\d+|halffloat|float|double")
@@ -71,50 +71,47 @@ _TEXT, _INTEGER, _NUMBER = (
 def require_columns(
     path: str | Path, header: list[str], line: int | None = None, *, split_epoch: bool = False
 ) -> None:
-    """Raise :class:`FileFormatError` where a column is missing, unknown, there twice or said by another."""
-    known = _KNOWN if split_epoch else COLUMNS
+    """Raise a FileFormatError for missing, unknown, duplicate or redundant columns."""
+    choices = _ALL_COLUMNS if split_epoch else COLUMNS
     for name in header:
-        if name not in known:
-            near = difflib.get_close_matches(name.lower(), {*known} - {*header}, n=1)
-            meant = f"did you mean {near[0]}? Columns are" if near else "use"
-            raise FileFormatError(path, f"column {name!r} is not known; {meant} {', '.join(known)}", line)
+        if name not in choices:
+            matches = difflib.get_close_matches(name.lower(), {*choices} - {*header}, n=1)
+            hint = f"did you mean {matches[0]}? Columns are" if matches else "use"
+            raise FileFormatError(path, f"unknown column {name!r}; {hint} {', '.join(choices)}", line)
         if header.count(name) > 1:
-            raise FileFormatError(path, f"column {name!r} is there twice; leave one out", line)
+            raise FileFormatError(path, f"duplicate column {name!r}; remove one", line)
     split = [name for name in SPLIT_EPOCH if name in header]
     if len(split) == 1 and "epoch_utc" not in header:
         [missing] = {*SPLIT_EPOCH} - {*split}
         raise FileFormatError(path, f"column {missing!r} is missing; an epoch is utc_date and utc_ps", line)
     for choice in (("epoch_utc", *split[:1]), ("type",), ("path",), ("time_tag",), VALUE, SIGMA):
-        given = [name for name in choice if name in header]
-        if not given:
+        present = [name for name in choice if name in header]
+        if not present:
             raise FileFormatError(path, f"column {' or '.join(choice)} is missing; add it", line)
-        if len(given) > 1:
-            raise FileFormatError(path, f"columns {' and '.join(given)} say the same; leave one out", line)
+        if len(present) > 1:
+            raise FileFormatError(path, f"columns {' and '.join(present)} are redundant; remove one", line)
 
 
 def require_lunar_flight_times(
     path: str | Path, flight_s: Floats, line: NDArray[np.integer] | Floats
 ) -> None:
-    """Raise :class:`FileFormatError` for the first round-trip time of flight that no lunar target has."""
+    """Raise a FileFormatError for the first round-trip time of flight outside of those of lunar targets."""
     low, high = FLIGHT_TIME_LIMITS_S
     wrong = ~((flight_s > low) & (flight_s < high))
     if not wrong.any():
         return
     row = int(np.argmax(wrong))
     time_s = float(flight_s[row])
-    problem = f"the time of flight is {time_s!r} s, but between Earth and Moon it is {low} to {high} s"
-    advice = "leave the point out or correct it"
-    for factor, said in (
-        (2.0, "half of such a one: give the round trip"),
-        (0.5, "twice such a one: halve it"),
-    ):
+    advice = "remove or correct it"
+    for factor, ratio in ((2.0, "half of"), (0.5, "twice")):
         if low < factor * time_s < high:
-            advice = f"it is {said}, if that is what it holds"
-    raise FileFormatError(path, f"{problem}; {advice}", int(line[row]))
+            advice = f"it is {ratio} a round trip, which is expected"
+    problem = f"time of flight: expected {low} to {high} s between Earth and Moon, got {time_s!r} s; {advice}"
+    raise FileFormatError(path, problem, int(line[row]))
 
 
 class ColumnReader:
-    """Takes the rows of one file, batch by batch, as columns of Arrow; numbers may be texts, as in CSV."""
+    """Reader of the rows of a file in batches of Arrow columns; numbers may be text, as in CSV."""
 
     def __init__(
         self,
@@ -131,26 +128,26 @@ class ColumnReader:
         self._line: NDArray[np.int32] = np.empty(0, dtype=np.int32)
 
     def read(self, columns: Mapping[str, Any], line: NDArray[np.int32]) -> None:
-        """Take some rows of columns that :func:`require_columns` has seen, and the lines where they stand."""
+        """Read a batch of columns that :func:`require_columns` accepts, with the lines of its rows."""
         self._line = line
-        # First what each row is, then what it measures: of several mistakes that is the one to be told.
-        taken = {key: self._codes(name, columns[name]) for name, (key, _) in _TEXTS.items()}
+        # Types and paths first, so that their errors are reported before those of values.
+        batch = {key: self._codes(name, columns[name]) for name, (key, _) in _TEXTS.items()}
         epoch = self._epoch(columns)
-        taken |= {"jd": epoch.jd, "fraction": epoch.fraction, "line": line}
+        batch |= {"jd": epoch.jd, "fraction": epoch.fraction, "line": line}
         for name in columns:
             if name not in (*_TEXTS, *SPLIT_EPOCH, "epoch_utc"):
-                taken[name] = self._numbers(name, columns[name])
-        for name, part in taken.items():
+                batch[name] = self._numbers(name, columns[name])
+        for name, part in batch.items():
             self._columns.setdefault(name, []).append(part)
 
     def columns(self) -> dict[str, Any]:
-        """What :meth:`Observations.from_columns` takes, of all that was read; the reader then is empty."""
+        """Return the arguments of :meth:`Observations.from_columns` from all batches, and clear the reader."""
         if not self._columns:
-            raise FileFormatError(self._path, "has columns, but no observations")
+            raise FileFormatError(self._path, "expected observations, got none")
         columns: dict[str, Any] = {"files": (str(self._path),), "links": tuple(self._links)}
-        for name in list(self._columns):  # parts that are joined are let go
+        for name in list(self._columns):  # releases joined parts
             columns[name] = np.concatenate(self._columns.pop(name))
-            columns[name].flags.writeable = False  # what nobody can write to is not copied again
+            columns[name].flags.writeable = False  # read-only arrays are not copied again
         columns["epoch"] = Epochs(columns.pop("jd"), columns.pop("fraction"), "UTC")
         if "ramped" in columns:
             columns["ramped"] = columns["ramped"] == 1.0
@@ -162,13 +159,13 @@ class ColumnReader:
     def _fail(self, name: str, row: int, problem: str) -> NoReturn:
         raise FileFormatError(self._path, f"{name}: {problem}", int(self._line[row]))
 
-    def _require(self, form: re.Pattern[str] | str, name: str, column: Any, wanted: str) -> None:
-        """Refuse a column of a type of Arrow that is not of a form, and one that is not given in each row."""
+    def _require(self, form: re.Pattern[str] | str, name: str, column: Any, expected: str) -> None:
+        """Raise an error for a column with another Arrow type, or with missing values if it is required."""
         if not re.fullmatch(form, str(column.type)):
-            raise FileFormatError(self._path, f"column {name} is of type {column.type}; give {wanted}")
+            raise FileFormatError(self._path, f"column {name}: expected {expected}, got type {column.type}")
         if name not in OPTIONAL and column.null_count:
             self._fail(
-                name, int(np.argmax(column.is_null().to_numpy(zero_copy_only=False))), "is missing (null)"
+                name, int(np.argmax(column.is_null().to_numpy(zero_copy_only=False))), "missing value (null)"
             )
 
     def _numbers(self, name: str, column: Any) -> Floats:
@@ -182,7 +179,7 @@ class ColumnReader:
         if name == "ramped":
             wrong = ~(np.isnan(numbers) | (numbers == 0.0) | (numbers == 1.0))
             if wrong.any():
-                problem = f"{numbers[wrong][0]:g} is neither 1 (yes) nor 0 (no)"
+                problem = f"expected 1 (yes) or 0 (no), got {numbers[wrong][0]:g}"
                 self._fail(name, int(np.argmax(wrong)), problem)
         return numbers
 
@@ -199,16 +196,16 @@ class ColumnReader:
             numbers = np.full(len(column), np.nan)
             for row, text in enumerate(column.to_pylist()):
                 try:
-                    # Digits that only Python reads, with underscores or of other scripts, are refused.
+                    # Underscores and digits of other scripts, which Python would accept, are errors.
                     numbers[row] = np.nan if text is None else float(text.replace("_", "x").encode("ascii"))
                 except ValueError:
-                    self._fail(name, row, f"{text!r} is not a number")
+                    self._fail(name, row, f"expected a number, got {text!r}")
         return numbers
 
     def _codes(self, name: str, column: Any) -> NDArray[Any]:
-        places, texts = self._different(name, column, "text")
+        places, texts = self._unique_texts(name, column, "text")
         codes = np.zeros(len(texts), dtype=_TEXTS[name][1])
-        # In the order of the rows, in which links are numbered; a dictionary may hold what no row has.
+        # Links are numbered in the order of the rows; a dictionary may have unused texts.
         used, first = np.unique(places, return_index=True)
         for place in used[np.argsort(first)].tolist():
             try:
@@ -218,15 +215,13 @@ class ColumnReader:
                 self._fail(name, int(np.argmax(places == place)), str(error))
         return codes[places]
 
-    def _different(self, name: str, column: Any, wanted: str) -> tuple[NDArray[np.intp], Any]:
-        """Which of its different texts each row of a column has, and those."""
+    def _unique_texts(self, name: str, column: Any, expected: str) -> tuple[NDArray[np.intp], Any]:
+        """Return the index of the text of each row, and the different texts."""
         if _TEXT.fullmatch(str(column.type)):
             column = column.dictionary_encode()
-        self._require(r"dictionary<values=((large_)?string|string_view), .*", name, column, wanted)
+        self._require(r"dictionary<values=((large_)?string|string_view), .*", name, column, expected)
         texts = column.dictionary
-        if (
-            str(texts.type) == "string_view"
-        ):  # text of polars, on which Arrow's functions of text are not defined
+        if str(texts.type) == "string_view":  # of polars, without Arrow's text functions
             import pyarrow
 
             texts = pyarrow.array(texts.to_pylist(), pyarrow.string())
@@ -234,13 +229,13 @@ class ColumnReader:
 
     def _code(self, name: str, text: str) -> int:
         if name == "path":
-            link = Link.from_path(text).named(self._catalogue)
+            link = Link.from_path(text).with_canonical_names(self._catalogue)
             return self._links.setdefault(link, len(self._links))
         choices = KINDS if name == "type" else TIME_TAGS
         try:
             return choices.index(text.strip())
         except ValueError:
-            raise InputError(f"{text!r} is not known; use {' or '.join(choices)}") from None
+            raise InputError(f"expected {' or '.join(choices)}, got {text!r}") from None
 
     def _epoch(self, columns: Mapping[str, Any]) -> Epochs:
         if "epoch_utc" not in columns:
@@ -251,34 +246,34 @@ class ColumnReader:
             import pyarrow
             from pyarrow import compute
 
-            # Observations of one instant are many in dense data: each is read once.
-            wanted = "text, a timestamp, or utc_date and utc_ps in its place"
-            places, texts = self._different("epoch_utc", columns["epoch_utc"], wanted)
+            # Different epochs are few in dense data; each is parsed once.
+            expected = "text, a timestamp, or utc_date and utc_ps instead"
+            places, texts = self._unique_texts("epoch_utc", columns["epoch_utc"], expected)
             texts = compute.utf8_trim_whitespace(texts)
-            return self._dated("epoch_utc", places, lambda k: utc_from_text(texts.take(pyarrow.array(k))))
+            return self._epochs_of("epoch_utc", places, lambda k: utc_from_text(texts.take(pyarrow.array(k))))
         rows = np.arange(len(days))
-        return self._dated(name, rows, lambda k: utc_from_picoseconds(days[k], picoseconds[k]))
+        return self._epochs_of(name, rows, lambda k: utc_from_picoseconds(days[k], picoseconds[k]))
 
     def _timestamp(self, column: Any) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Days since 1970 and picoseconds since their midnights."""
+        """Return days since 1970 and picoseconds of the day."""
         self._require(r"timestamp\[\w+(, tz=(UTC|\+00:00))?\]", "epoch_utc", column, "UTC")
         per_second = _TICKS[column.type.unit]
-        days, rest = np.divmod(column.cast("int64").to_numpy(), 86400 * per_second)
-        return days, rest * (10**12 // per_second)
+        days, ticks = np.divmod(column.cast("int64").to_numpy(), 86400 * per_second)
+        return days, ticks * (10**12 // per_second)
 
     def _split_epoch(self, date: Any, picoseconds: Any) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """As :meth:`_timestamp`."""
+        """Return the same as :meth:`_timestamp`."""
         self._require(r"date32\[day\]", "utc_date", date, "a date (date32)")
         self._require(_INTEGER, "utc_ps", picoseconds, "whole numbers (int64)")
         return date.cast("int32").cast("int64").to_numpy(), picoseconds.cast("int64").to_numpy()
 
-    def _dated(
+    def _epochs_of(
         self, name: str, places: NDArray[np.intp], convert: Callable[[NDArray[np.intp]], Epochs]
     ) -> Epochs:
-        """Epochs of rows, each place converted once; if one cannot be, the first row that has such a one is named."""
-        different, which = np.unique(places, return_inverse=True)
+        """Return epochs of rows, with each place converted once; errors name the first invalid row."""
+        different, index = np.unique(places, return_inverse=True)
         try:
-            return convert(different)[which]
+            return convert(different)[index]
         except InputError:
             for row in range(len(places)):
                 try:
@@ -296,146 +291,143 @@ def columns_of_table(
     *,
     catalogue: StationCatalogue,
 ) -> dict[str, Any]:
-    """What :meth:`Observations.from_columns` takes, of the arguments of :meth:`Observations.from_table`."""
-    theirs = _columns_in_memory(table)
-    taken = _chosen(theirs, columns)
+    """Return the arguments of :meth:`Observations.from_columns` from those of :meth:`Observations.from_table`."""
+    table_columns = _columns_in_memory(table)
+    names = _chosen(table_columns, columns)
     units = dict(units or {})
-    if unknown := [name for name in units if name not in theirs]:
-        raise InputError(f"units names the column {unknown[0]!r}, but the table has {', '.join(theirs)}")
-    n = len(next(iter(theirs.values()), ((),))[0])
+    if unknown := [name for name in units if name not in table_columns]:
+        raise InputError(f"units: expected columns {', '.join(table_columns)}, got {unknown[0]!r}")
+    n = len(next(iter(table_columns.values()), ((),))[0])
     arrays: dict[str, Any] = {}
-    for ours, name in taken.items():
-        arrays |= _arrow(_SAME.get(ours, ours), *theirs[name], units.get(name))
-    for ours, value in constants.items():
-        if ours in taken:
-            raise InputError(f"{ours} is a column of the table, and given for all rows; give one of them")
+    for column, name in names.items():
+        arrays |= _arrow(_ALIASES.get(column, column), *table_columns[name], units.get(name))
+    for column, value in constants.items():
+        if column in names:
+            raise InputError(f"{column}: expected a column of the table or a constant, got both")
         repeated = value * np.ones(n) if hasattr(value, "unit") else np.full(n, value)
-        arrays |= _arrow(_SAME.get(ours, ours), repeated, _unit(value), None)
+        arrays |= _arrow(_ALIASES.get(column, column), repeated, _unit(value), None)
     require_columns(_TABLE, list(arrays), split_epoch=True)
-    single = [ours for ours, name in taken.items() if is_single_precision(theirs[name][0])]
-    reader = ColumnReader(_TABLE, catalogue, single_precision=[_SAME.get(ours, ours) for ours in single])
+    single = [_ALIASES.get(k, k) for k, name in names.items() if is_single_precision(table_columns[name][0])]
+    reader = ColumnReader(_TABLE, catalogue, single_precision=single)
     if n:
         reader.read(arrays, np.arange(1, n + 1, dtype=np.int32))
     return reader.columns()
 
 
 def _columns_in_memory(table: Any) -> dict[str, tuple[Any, str]]:
-    """Columns by name, each with the unit that the table states."""
+    """Return columns by name, with the units of the table."""
     if hasattr(table, "__arrow_c_stream__"):
         import pyarrow
 
         try:
             arrow = pyarrow.table(table)
-        except (
-            ValueError,
-            TypeError,
-            pyarrow.ArrowException,
-        ) as error:  # of pandas: names that occur twice, mixed types
-            raise InputError(f"the table cannot be taken as columns of Arrow ({error}); correct it") from None
+        except (ValueError, TypeError, pyarrow.ArrowException) as error:  # duplicate names, mixed types
+            raise InputError(f"table: cannot be converted to Arrow ({error})") from None
         for name in arrow.column_names:
             if arrow.column_names.count(name) > 1:
-                raise InputError(f"the table has {name!r} more than once; rename or remove a column")
+                raise InputError(f"table: duplicate column {name!r}; rename or remove one")
         return {
             field.name: (arrow[field.name], (field.metadata or {}).get(b"unit", b"").decode())
             for field in arrow.schema
-            if not field.name.startswith("__index_level_")  # the rows of pandas, numbered
+            if not field.name.startswith("__index_level_")  # index of pandas
         }
     if not (hasattr(table, "keys") and hasattr(table, "__getitem__")):
         raise InputError(
-            f"{type(table).__name__} is no table; give one of pandas, Arrow or astropy, or a dictionary"
+            f"table: expected pandas, Arrow, polars, astropy or a dictionary, got {type(table).__name__}"
         )
-    found = {name: table[name] for name in table.keys()}  # noqa: SIM118  # a Table is iterated by rows
-    lengths = {name: len(column) for name, column in found.items()}
+    columns = {name: table[name] for name in table.keys()}  # noqa: SIM118  # a Table is iterated by rows
+    lengths = {name: len(column) for name, column in columns.items()}
     if len(set(lengths.values())) > 1:
-        raise InputError(f"columns of a table are of one length, but these have {lengths}")
-    return {name: (column, _unit(column)) for name, column in found.items()}
+        raise InputError(f"table: expected columns of equal length, got {lengths}")
+    return {name: (column, _unit(column)) for name, column in columns.items()}
 
 
 def _unit(column: Any) -> str:
     return str(getattr(column, "unit", None) or "")
 
 
-def _chosen(theirs: Mapping[str, Any], columns: Mapping[str, str] | None) -> dict[str, str]:
-    """Names of the table's columns by ours."""
-    renamed = dict(columns or {})
-    for ours, name in renamed.items():
-        if ours not in (*_KNOWN, *_SAME):
-            raise InputError(f"columns: {ours!r} is not known; use {', '.join(_KNOWN)}")
-        if name not in theirs:
-            raise InputError(f"columns: the table has no {name!r} for {ours}; it has {', '.join(theirs)}")
-    others = [name for name in theirs if name not in renamed.values()]
-    taken = renamed | {name: name for name in others if name in (*_KNOWN, *_SAME) and name not in renamed}
-    left = [name for name in others if name not in taken.values() and name not in _ORIGIN]
-    if left and columns is None:
+def _chosen(table_columns: Mapping[str, Any], columns: Mapping[str, str] | None) -> dict[str, str]:
+    """Return the names of columns in the table by the names here."""
+    choices = (*_ALL_COLUMNS, *_ALIASES)
+    names = dict(columns or {})
+    for column, name in names.items():
+        if column not in choices:
+            raise InputError(f"columns: expected {', '.join(_ALL_COLUMNS)}, got {column!r}")
+        if name not in table_columns:
+            raise InputError(f"columns: {column}: expected {' or '.join(table_columns)}, got {name!r}")
+    unnamed = [name for name in table_columns if name not in names.values()]
+    names |= {name: name for name in unnamed if name in choices and name not in names}
+    unused = [name for name in unnamed if name not in names.values() and name not in _ORIGIN]
+    if unused and columns is None:
         raise InputError(
-            f"column {left[0]!r} is not known; say in `columns` what it is ({', '.join(_KNOWN)}), or give an empty "
-            "dictionary there to leave out what is not known"
+            f"unknown column {unused[0]!r}; name it in `columns` ({', '.join(_ALL_COLUMNS)}), or pass an empty "
+            "dictionary to ignore unknown columns"
         )
-    return taken
+    return names
 
 
-def _arrow(name: str, column: Any, own: str, unit: str | None) -> dict[str, Any]:
-    """A column as files have it; an epoch that is no text and no timestamp as two."""
+def _arrow(name: str, column: Any, column_unit: str, unit: str | None) -> dict[str, Any]:
+    """Return a column in the form of files; an epoch of other types than text and timestamp as two columns."""
     import pyarrow
 
     if name == "epoch_utc" and (hasattr(column, "jd1") or isinstance(column, Epochs)):
         days, picoseconds = utc_to_picoseconds(to_scale(column, "UTC"))
         return {"utc_date": pyarrow.array(days.astype("datetime64[D]")), "utc_ps": pyarrow.array(picoseconds)}
-    wanted = "1" if name in ("relative_humidity", "ramped") else unit_of(name)
-    if wanted is not None and name not in SPLIT_EPOCH:
-        return {name: pyarrow.array(_in_unit(name, column, own, unit, wanted), from_pandas=True)}
+    expected = "1" if name in ("relative_humidity", "ramped") else unit_of(name)
+    if expected is not None and name not in SPLIT_EPOCH:
+        return {name: pyarrow.array(_in_unit(name, column, column_unit, unit, expected), from_pandas=True)}
     if unit is not None:
-        raise InputError(f"units: {name} has no unit; leave it out")
+        raise InputError(f"units: {name} is without unit; remove it")
     if isinstance(column, pyarrow.ChunkedArray):
         values = column.combine_chunks()
         zoned = pyarrow.types.is_timestamp(values.type) and values.type.tz
         return {name: values.cast(pyarrow.timestamp(values.type.unit, "UTC")) if zoned else values}
     values = np.ma.getdata(column)
     mask = np.ma.getmaskarray(column) if np.ma.isMaskedArray(column) else None
-    texts = values.astype("U") if values.dtype.kind == "S" else values  # as FITS has them
+    texts = values.astype("U") if values.dtype.kind == "S" else values  # of FITS
     try:
-        made = pyarrow.array(texts, mask=mask, from_pandas=True)
+        array = pyarrow.array(texts, mask=mask, from_pandas=True)
     except (ValueError, TypeError, pyarrow.ArrowException) as error:
-        raise InputError(f"column {name} is not of one type ({error}); give texts, or timestamps") from None
-    many = isinstance(made, pyarrow.ChunkedArray)  # of very many texts
-    return {name: made.combine_chunks() if many else made}
+        raise InputError(f"column {name}: expected text or timestamps ({error})") from None
+    is_chunked = isinstance(array, pyarrow.ChunkedArray)  # large columns of text
+    return {name: array.combine_chunks() if is_chunked else array}
 
 
-def _in_unit(name: str, column: Any, own: str, unit: str | None, wanted: str) -> Floats:
-    """Numbers in the unit that is wanted, from what the table or the caller says; NaN where masked or null."""
+def _in_unit(name: str, column: Any, column_unit: str, unit: str | None, expected: str) -> Floats:
+    """Return numbers in the expected unit from that of the table or the caller; NaN for masked or null entries."""
     bare = column.to_numpy() if hasattr(column, "chunks") else getattr(column, "unmasked", column)
-    numbers = as_float_array(np.ma.getdata(getattr(bare, "value", bare)), wanted, name)
+    numbers = as_float_array(np.ma.getdata(getattr(bare, "value", bare)), expected, name)
     if (mask := getattr(column, "mask", None)) is not None and not callable(mask):
         numbers = np.where(mask, np.nan, numbers)
-    text = unit or own
+    text = unit or column_unit
     if not text:
         return numbers
     from astropy.units import Quantity, Unit
 
     try:
-        stated, given = (Unit(ASTROPY_UNITS.get(one, one)) for one in (own or text, text))
+        of_column, of_caller = (Unit(ASTROPY_UNITS.get(item, item)) for item in (column_unit or text, text))
     except ValueError:
-        raise InputError(f"units: {text!r} of {name} is no unit that astropy knows") from None
-    if stated != given:
-        raise InputError(f"units: {name} is in {own}, as the table says, not in {unit}; leave it out")
-    found: Floats = in_unit(Quantity(numbers, given), wanted, name)
-    return found
+        raise InputError(f"units: {name}: expected a unit of astropy, got {text!r}") from None
+    if of_column != of_caller:
+        raise InputError(f"units: {name}: expected {column_unit}, the unit of the table, got {unit}")
+    converted: Floats = in_unit(Quantity(numbers, of_caller), expected, name)
+    return converted
 
 
 def as_column(name: str, values: ArrayLike, n: int, dtype: Any = np.float64) -> Any:
-    """A column as a read-only contiguous array of n values: a copy, unless it is one that nobody else can write to."""
-    mask = getattr(values, "mask", None)  # which NumPy drops with the unit
+    """Return a column as a read-only contiguous array of n values: a copy, unless it is read-only already."""
+    mask = getattr(values, "mask", None)  # NumPy drops it with the unit
     if name in UNITS:
         values = in_unit(values, UNITS[name], name)
     array = np.asarray(getattr(values, "unmasked", values), dtype=dtype)
     if isinstance(mask, np.ndarray | np.bool_) and np.any(mask):
         if dtype is not np.float64:
-            raise InputError(f"{name} has masked entries; leave their rows out")
+            raise InputError(f"{name}: masked entries; remove their rows")
         array = np.where(mask, np.nan, array)
     if array is values and array.shape == (n,) and array.flags.owndata and not array.flags.writeable:
         return array
     if array.shape not in ((), (n,)):
-        raise InputError(f"{name} has shape {array.shape}; {n} epochs need one value or {n}")
+        raise InputError(f"{name}: expected one value or {n}, the number of epochs, got shape {array.shape}")
     out = np.empty(n, dtype=dtype)
     out[...] = array
     out.flags.writeable = False
@@ -455,23 +447,22 @@ def codes_of_names(key: str, values: ArrayLike, names: Sequence[str]) -> ArrayLi
 
 
 def as_codes(name: str, values: ArrayLike, n: int, count: int, dtype: Any) -> Any:
-    """Codes as a column: indices below a count."""
-    wide = as_column(name, values, n, np.int64)
-    if n and not (wide.min() >= 0 and wide.max() < count):
-        held = f"{wide.min()} to {wide.max()}"
-        raise InputError(f"{name} holds codes from {held}; allowed are 0 to {count - 1}")
-    return as_column(name, wide, n, dtype)
+    """Return codes, indices below a count, as a column."""
+    codes = as_column(name, values, n, np.int64)
+    if n and not (codes.min() >= 0 and codes.max() < count):
+        raise InputError(f"{name}: expected indices of 0 to {count - 1}, got {codes.min()} to {codes.max()}")
+    return as_column(name, codes, n, dtype)
 
 
 def recoded(codes: NDArray[np.int32], column: NDArray[np.int32]) -> NDArray[np.int32]:
-    """A read-only column of codes by the places that they now have."""
+    """Return a column of codes mapped to new codes, read-only."""
     out = codes[column] if len(column) else column.copy()
     out.flags.writeable = False
     return out
 
 
-def each_once(items: Sequence[Any]) -> tuple[tuple[Any, ...], NDArray[np.int32]]:
-    """Each item once, in order of first appearance, and for each item where it now is."""
+def unique_items(items: Sequence[Any]) -> tuple[tuple[Any, ...], NDArray[np.int32]]:
+    """Return the different items in order of first appearance, and the index of each item among them."""
     place: dict[Any, int] = {}
     codes = np.array([place.setdefault(item, len(place)) for item in items], dtype=np.int32)
     return tuple(place), codes

@@ -1,8 +1,8 @@
 """Motions of targets: points fixed to the Moon, and spacecraft on known or adjustable trajectories.
 
-Each is what a predictor takes of a target: where it is, and the partial derivatives of its position by the motion's own
-parameters. These are the three principal-axes coordinates of a point, those of an offset from a known trajectory, and
-the parameters of an adjustable one.
+A motion has the position of a target and its partial derivatives by the parameters of the motion: the principal-axes
+coordinates of a point, the coordinates of an offset from a known trajectory, or the parameters of an adjustable
+trajectory.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ from radioloc.vectors import Floats
 
 @runtime_checkable
 class TargetMotion(Protocol):
-    """Motion of one target, as predictors take it."""
+    """Motion of a target."""
 
     @property
     def trajectory(self) -> AnyTrajectory | None:
-        """Trajectory of a spacecraft; None of a point fixed to the Moon."""
+        """Trajectory of a spacecraft; None for a point fixed to the Moon."""
 
     @property
     def position_pa_m(self) -> Floats:
@@ -52,7 +52,7 @@ class TargetMotion(Protocol):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FixedPoint:
-    """A point fixed to the Moon.
+    """Point fixed to the Moon.
 
     Parameters
     ----------
@@ -72,18 +72,18 @@ class FixedPoint:
         position_pa_m = np.asarray(self.position_pa_m, dtype=np.float64)
         if position_pa_m.shape != (3,) or not np.isfinite(position_pa_m).all():
             raise InputError(
-                f"a position is {position_pa_m.tolist()}; give three finite coordinates in principal axes, m"
+                f"position_pa_m: expected three finite coordinates in principal axes, m, got {position_pa_m.tolist()}"
             )
         object.__setattr__(self, "position_pa_m", position_pa_m)
 
     @property
     def trajectory(self) -> None:
-        """None: the point follows from the Moon's orientation."""
+        """Trajectory, None for points."""
         return None
 
     @property
     def adjustable(self) -> None:
-        """None: the parameters are coordinates."""
+        """A-priori trajectory, None as the parameters are coordinates."""
         return None
 
     @property
@@ -96,20 +96,20 @@ class FixedPoint:
         return None
 
     def restricted_to(self, first: Epochs, last: Epochs) -> FixedPoint:
-        """Return the point itself, which holds always."""
+        """Return the point itself, which is valid at all times."""
         return self
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrajectoryMotion:
-    """A spacecraft on a known trajectory, or at a constant offset from it in principal axes, m."""
+    """Spacecraft on a known trajectory, or at a constant offset from it in principal axes, m."""
 
     trajectory: AnyTrajectory
     position_pa_m: Floats = field(default_factory=lambda: np.zeros(3))
 
     @property
     def adjustable(self) -> None:
-        """None: the parameters are coordinates of an offset."""
+        """A-priori trajectory, None as the parameters are coordinates of an offset."""
         return None
 
     @property
@@ -122,13 +122,13 @@ class TrajectoryMotion:
         return None
 
     def restricted_to(self, first: Epochs, last: Epochs) -> TrajectoryMotion:
-        """Return the motion itself, whose states are read where they are needed."""
+        """Return the motion itself."""
         return self
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OrbitMotion:
-    """A spacecraft on an adjustable trajectory, by changes of its parameters, shape (p,); by default none."""
+    """Spacecraft on an adjustable trajectory, with changes of its parameters, shape (p,), by default without."""
 
     apriori: AdjustableTrajectory
     changes: Floats = field(default_factory=lambda: np.zeros(0))
@@ -163,44 +163,44 @@ class OrbitMotion:
         return self.trajectory.position_partials(tdb)
 
     def restricted_to(self, first: Epochs, last: Epochs) -> OrbitMotion:
-        """Return the motion restricted to an interval of TDB, over which alone it is integrated."""
+        """Return the motion restricted to an interval of TDB, the span of its integration."""
         return replace(self, apriori=self.apriori.restricted_to(first, last), _corrected=[])
 
 
-GivenMotion: TypeAlias = TargetMotion | LunarPosition | AnyTrajectory
-"""A motion, or what stands for one: a position on the Moon or a trajectory."""
+MotionLike: TypeAlias = TargetMotion | LunarPosition | AnyTrajectory
+"""Motion, position on the Moon, or trajectory."""
 
-GivenMotions: TypeAlias = GivenMotion | Sequence[GivenMotion]
-"""Motions of all targets in their order, or of the only one."""
+MotionsLike: TypeAlias = MotionLike | Sequence[MotionLike]
+"""Motions of all targets in their order, or of a single target."""
 
 Motions: TypeAlias = tuple[TargetMotion, ...]
 
 
-def as_motions(given: GivenMotions, model: PhysicalModel, targets: Sequence[str]) -> Motions:
+def as_motions(motions: MotionsLike, model: PhysicalModel, targets: Sequence[str]) -> Motions:
     """Return the motions of targets; positions are turned to the principal axes of the model's ephemeris."""
-    several = given if isinstance(given, list | tuple) else (given,)
-    motions = tuple(as_motion(item, model) for item in several)
-    if len(motions) != max(1, len(targets)):
+    items = motions if isinstance(motions, list | tuple) else (motions,)
+    converted = tuple(as_motion(item, model) for item in items)
+    if len(converted) != max(1, len(targets)):
         names = f" ({', '.join(targets)})" if targets else ""
         raise InputError(
-            f"motions: expected {max(1, len(targets))}, one for each target{names}, got {len(motions)}"
+            f"motions: expected {max(1, len(targets))}, one for each target{names}, got {len(converted)}"
         )
-    return motions
+    return converted
 
 
-def as_motion(given: GivenMotion, model: PhysicalModel) -> TargetMotion:
-    """Return a motion; an InputError of an array, which does not state what its numbers are."""
-    if isinstance(given, TargetMotion):
-        return given
-    if isinstance(given, LunarPosition):
-        return FixedPoint(given.to_axes("PA", model.ephemeris.constants).xyz_m)
-    if isinstance(given, AdjustableTrajectory):
-        return OrbitMotion(given)
-    if isinstance(given, AnyTrajectory):
-        return TrajectoryMotion(given)
+def as_motion(motion: MotionLike, model: PhysicalModel) -> TargetMotion:
+    """Return the motion of a position or trajectory; raise an InputError for arrays, whose axes are unknown."""
+    if isinstance(motion, TargetMotion):
+        return motion
+    if isinstance(motion, LunarPosition):
+        return FixedPoint(motion.to_axes("PA", model.ephemeris.constants).xyz_m)
+    if isinstance(motion, AdjustableTrajectory):
+        return OrbitMotion(motion)
+    if isinstance(motion, AnyTrajectory):
+        return TrajectoryMotion(motion)
     raise InputError(
         f"motions: expected a LunarPosition, a FixedPoint (position in principal axes, m) or a trajectory, or one for "
-        f"each target, got {type(given).__name__}; write FixedPoint(position_pa_m)"
+        f"each target, got {type(motion).__name__}; write FixedPoint(position_pa_m)"
     )
 
 
@@ -215,8 +215,8 @@ def is_fixed(motions: Motions) -> bool:
 
 
 def partials_of_points(by_position_pa: Floats, target: NDArray[np.int32], count: int) -> Floats:
-    """Return partials by the positions of so many targets, (n, 3 count), from those by each row's own, (n, 3)."""
+    """Return partials by the positions of `count` targets, (n, 3 count), from those of each row's target, (n, 3)."""
     if count == 1:
         return by_position_pa
-    own = target[:, None] == np.arange(count)
-    return (by_position_pa[:, None, :] * own[:, :, None]).reshape(len(target), 3 * count)
+    mask = target[:, None] == np.arange(count)
+    return (by_position_pa[:, None, :] * mask[:, :, None]).reshape(len(target), 3 * count)

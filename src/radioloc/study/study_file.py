@@ -338,7 +338,7 @@ def _observations(table: TomlTable, may_be_missing: bool) -> ObservationChoice:
 def _model(table: TomlTable, catalogue: StationCatalogue) -> ModelChoice:
     model = table.read(ModelChoice)
     try:
-        return replace(model, delays=model.delays.named(catalogue))
+        return replace(model, delays=model.delays.with_catalogue_names(catalogue))
     except StationError as error:
         table.fail("station_delay_s", str(error).removeprefix("station_delay_s: "))
 

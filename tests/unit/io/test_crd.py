@@ -134,7 +134,7 @@ def test_session_rms_stands_in_for_a_missing_one():
         ("C0 0 532.100", "C0 0 -1", "not that of a laser"),
         ("11 58591.933300993282", "11 5.8e4x", "second of day is '5.8e4x'"),
         ("11 58591.933300993282", "11 65000.0", "outside the pass"),
-        ("2.581730448437", "-2.581730448437", "time of flight is -2.58"),
+        ("2.581730448437", "-2.581730448437", "got -2.58"),
         ("me08 2 582.0 40", "me08 2.5 582.0 40", "not a whole number"),
         ("me08 2 582.0 40", "me08 5 582.0 40", "epoch event 5 is not modelled"),
         ("me08 2 582.0 40", "me08 2 582.0 0", "number of ranges is 0"),

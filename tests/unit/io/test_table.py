@@ -108,14 +108,14 @@ def test_columns_in_any_order_and_half_of_them_quoted():
 @pytest.mark.parametrize(
     ("old", "new", "line", "words"),
     [
-        (",sigma_s,", ",sigma,", 2, "column 'sigma' is not known"),
+        (",sigma_s,", ",sigma,", 2, "unknown column 'sigma'"),
         (",light_time_s,", ",sigma_m,", 2, "observed_m or light_time_s is missing"),
-        (",pressure_hpa,", ",observed_m,", 2, "observed_m and light_time_s say the same"),
-        (",time_tag,", ",temperature_k,", 2, "there twice"),
+        (",pressure_hpa,", ",observed_m,", 2, "observed_m and light_time_s"),
+        (",time_tag,", ",temperature_k,", 2, "duplicate column"),
         ("epoch_utc,", "", 2, "epoch_utc is missing"),
         (",5.38e-11,", ",", 3, "has 9 fields"),
-        (",5.38e-11,", ",5.38f-11,", 3, "'5.38f-11' is not a number"),
-        (",2.6494326499837,", ",nan,", 3, "value_m is nan"),
+        (",5.38e-11,", ",5.38f-11,", 3, "got '5.38f-11'"),
+        (",2.6494326499837,", ",nan,", 3, "got nan"),
         (",721.6,", ",72160,", 3, "100 to 1100"),
         ("2006-12-01T00:26:56Z", "2006-12-32", 6, "not a date that exists"),
         ("2006-12-01T00:26:56Z", "1971-12-01", 6, "before 1972"),
@@ -132,7 +132,7 @@ def test_what_cannot_be_used_is_refused_with_its_line(table_lines, old, new, lin
 
 
 def test_a_table_without_rows_is_refused(table_lines):
-    with pytest.raises(FileFormatError, match="no observations"):
+    with pytest.raises(FileFormatError, match="expected observations"):
         parse_table("a.csv", table_lines[:2], None)
     with pytest.raises(FileFormatError, match="no header"):
         parse_table("a.csv", table_lines[:1], None)
@@ -197,7 +197,7 @@ def test_a_mistake_far_down_is_told_with_its_line(tmp_path, monkeypatch, number)
     lines[number] = lines[number].replace("range", "rnage")
     file = tmp_path / "a.csv"
     file.write_text("\n".join(["# comment", "", HEADER, *lines]))
-    with pytest.raises(FileFormatError, match="type: 'rnage' is not known") as caught:
+    with pytest.raises(FileFormatError, match="got 'rnage'") as caught:
         read_table(file)
     assert caught.value.line == number + 4
 
@@ -205,10 +205,10 @@ def test_a_mistake_far_down_is_told_with_its_line(tmp_path, monkeypatch, number)
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        ("range,A>b>A,7.000021234567e8", "vlbi_delay,A<b>C,1.3e7", "not longer than the Earth"),
+        ("range,A>b>A,7.000021234567e8", "vlbi_delay,A<b>C,1.3e7", "below the Earth"),
         ("range,A>b>A,7.000021234567e8", "vlbi_delay,A>b>C,1e6", "station1<target>station2"),
         ("range,A>b>A,7.000021234567e8", "range,A<b>C,1e6", "transmitter>target>receiver"),
-        ("7.000021234567e8", "6.5e8", r"the time of flight is .* 2.2 to 2.8 s"),
+        ("7.000021234567e8", "6.5e8", r"expected 2.2 to 2.8 s"),
         ("range,A>b>A,7.000021234567e8", "doppler,A>b>A,3.5", "count interval"),
         (".002", ".002 TDB", "is not a date"),
     ],
@@ -249,7 +249,7 @@ def test_numbers_of_any_size_and_length_are_the_nearest_floats(values, decimals)
     "text", ["", "-", "e5", "1e", "1e+", "1.2.3", "1e5.5", "1_0", "٣", "1 2", "--5", "0x10", "1d5"]
 )
 def test_what_is_no_number(text):
-    with pytest.raises(FileFormatError, match="is not a number") as caught:
+    with pytest.raises(FileFormatError, match="expected a number") as caught:
         read_values("1.5", text, "2.5")
     assert caught.value.line == 3
 

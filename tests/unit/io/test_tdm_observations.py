@@ -452,7 +452,7 @@ REFUSED = {
     "no mode": (TWO_WAY | {"MODE": None}, RANGES, "MODE is missing"),
     "no path": (TWO_WAY | {"PATH": None}, RANGES, "PATH is missing"),
     "unknown target": (TWO_WAY | {"PARTICIPANT_2": "UNKNOWN"}, RANGES, "the target is UNKNOWN"),
-    "impossible name": (TWO_WAY | {"PARTICIPANT_2": "a>b"}, RANGES, "line 7: 'a>b' cannot name a station"),
+    "impossible name": (TWO_WAY | {"PARTICIPANT_2": "a>b"}, RANGES, "line 7: .*'a>b'"),
     "ambiguous differenced range": (
         DELAY | {"RANGE_MODULUS": "1000.0"},
         ["RANGE = 2021-03-28T14:00:00 1.5"],
@@ -529,7 +529,7 @@ REFUSED = {
         [f"DOPPLER_{k} = 2021-03-28T14:00:00 1" for k in ("INTEGRATED", "INSTANTANEOUS")],
         "leave one of them out",
     ),
-    "absurd delay": (DELAY, ["VLBI_DELAY = 2021-03-28T14:00:00 1"], "not longer than the Earth"),
+    "absurd delay": (DELAY, ["VLBI_DELAY = 2021-03-28T14:00:00 1"], "below the Earth"),
 }
 
 

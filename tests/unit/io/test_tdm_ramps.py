@@ -160,7 +160,7 @@ def test_ambiguous_ranges_there_and_back(tmp_path):
 @pytest.mark.parametrize(
     ("changes", "problem"),
     [
-        ({"ramps": Ramps.none()}, "ramp of KASHI"),
+        ({"ramps": Ramps.empty()}, "ramp of KASHI"),
         ({"wavelength_um": np.nan}, "frequencies down"),
         ({"wavelength_um": 41000.0}, "frequencies down"),
     ],

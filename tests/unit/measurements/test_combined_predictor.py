@@ -108,7 +108,7 @@ def test_a_combination_is_as_low_and_as_unusable_as_its_parts(arc, by_hand):
 
 def test_a_target_without_a_position_is_named(model):
     table = tracking(*CASES[1][:3])
-    with pytest.raises(InputError, match="target 'b' has no position; there are a"):
+    with pytest.raises(InputError, match="expected a, got 'b'"):
         prepare_predictor(model, table, POSITIONS[:1], "exact", targets=("a",))
 
 

@@ -83,19 +83,21 @@ def test_terms_switch_them_off(plain, term, size_s):
 
 def test_names_are_the_catalogues(plain):
     catalogue = plain.catalogue
-    named = EquipmentDelays(stations={"7045": StationDelay(1e-8)}).named(catalogue)
+    named = EquipmentDelays(stations={"7045": StationDelay(1e-8)}).with_catalogue_names(catalogue)
     assert dict(named.stations) == {"APOLLO": StationDelay(1e-8)}
     with pytest.raises(StationError, match=r"station_delay_s: .*ATLANTIS"):
-        EquipmentDelays(stations={"ATLANTIS": StationDelay()}).named(catalogue)
-    with pytest.raises(StationError, match="7045 is another name of APOLLO"):
-        EquipmentDelays(stations={"APOLLO": StationDelay(), "7045": StationDelay()}).named(catalogue)
+        EquipmentDelays(stations={"ATLANTIS": StationDelay()}).with_catalogue_names(catalogue)
+    with pytest.raises(StationError, match="7045 duplicates APOLLO"):
+        EquipmentDelays(stations={"APOLLO": StationDelay(), "7045": StationDelay()}).with_catalogue_names(
+            catalogue
+        )
 
 
 @pytest.mark.parametrize("delay_s", [-1e-9, 1.2, float("nan")])
 def test_what_is_no_delay(delay_s):
-    with pytest.raises(InputError, match=r"transponder_delay_s: .* give seconds, 0 to 0.001"):
+    with pytest.raises(InputError, match="transponder_delay_s: expected 0"):
         EquipmentDelays(delay_s)
-    with pytest.raises(InputError, match=r"receive_s: .* give seconds"):
+    with pytest.raises(InputError, match="receive_s: expected 0"):
         StationDelay(receive_s=delay_s)
 
 

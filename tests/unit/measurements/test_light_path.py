@@ -159,13 +159,13 @@ def test_partials_against_40_digits(tag, sign, hold_s):
 def test_nan_does_not_pass_for_converged(broken):
     points = {"transmitter": TRANSMITTER, "relay": RELAY, "receiver": RECEIVER}
     points[broken] = moving(0.0, [np.nan, 0.0, 0.0], [0.0, 0.0, 0.0])
-    with pytest.raises(ConvergenceError, match="of 1 of 1 paths did not settle"):
+    with pytest.raises(ConvergenceError, match="1 of 1 paths"):
         solve_light_path(Signal(*points.values(), np.zeros(1, dtype=np.int8), np.zeros(1)), 0.0, 0.0)
 
 
 def test_light_cannot_be_outrun():
     fast = moving(0.0, [1e8, 0.0, 0.0], [0.9 * C_M_S, 0.0, 0.0])
-    with pytest.raises(ConvergenceError, match="of 1 of 1 paths did not settle"):
+    with pytest.raises(ConvergenceError, match="1 of 1 paths"):
         solve_light_path(
             Signal(TRANSMITTER, fast, RECEIVER, np.zeros(1, dtype=np.int8), np.zeros(1)), 0.0, 0.0
         )

@@ -1,4 +1,4 @@
-"""The observation table: what it refuses, and that nothing is lost in choosing and joining."""
+"""Table of observations: validation, selection, concatenation and duplicates."""
 
 import dataclasses
 
@@ -7,7 +7,6 @@ import pytest
 
 from radioloc.errors import DataQualityWarning, FileFormatError, InputError
 from radioloc.measurements.link import Link, canonical_target
-from radioloc.measurements.measurement_type import TIME_TAGS
 from radioloc.measurements.observations import Observations, without_duplicates
 from radioloc.measurements.registry import KINDS, is_differenced, is_integrated
 from radioloc.time import Epochs
@@ -36,7 +35,7 @@ KASHI = (Link("KASHI", "lander", "KASHI"), Link("KASHI", "lander", "JIAMUSI"))
 
 
 def series(seconds, value_m=None, files=("a.csv",), file=0, **changes):
-    """Ranges of a lander at seconds of a day, values all different."""
+    """Return ranges of a lander at seconds of a day, with different values."""
     seconds = np.asarray(seconds)
     values = 7.8e8 + 0.37 * np.arange(len(seconds)) if value_m is None else value_m
     columns = {"epoch": Epochs.from_jd(2459184.5, seconds / 86400.0, "UTC"), "links": KASHI, "link": 0}
@@ -58,30 +57,30 @@ VALUE_M = 7.8e8 + 1e3 * np.sin(np.arange(20.0))
         (ODD_S.round(4), 1e-3, True),
         (ODD_S.round(3), 1e-2, True),
         (ODD_S.round(3), 0.0, False),
-        (np.floor(1e3 * ODD_S) / 1e3, 0.0, True),  # cut, not rounded
+        (np.floor(1e3 * ODD_S) / 1e3, 0.0, True),  # truncated
     ],
 )
-def test_copies_are_counted_once_also_with_rounded_times_and_values(copies_s, rounding_m, files):
+def test_copies_are_removed_also_with_rounded_times_and_values(copies_s, rounding_m, files):
     values = VALUE_M if not rounding_m else rounding_m * np.rint(VALUE_M / rounding_m)
-    both = series(
+    table = series(
         np.concatenate([ODD_S, copies_s]),
         np.concatenate([VALUE_M, values]),
         files=("a.csv", "b.tdm"),
         file=np.repeat([0, int(files)], 20),
         wavelength_um=np.repeat([35394.6, np.nan if files else 35394.6], 20),
     )
-    with pytest.warns(DataQualityWarning, match=r"line 21: .*already there.*a.csv, line 1 \(20 such"):
-        once = without_duplicates(both)
-    assert once.value_m.tolist() == VALUE_M.tolist()
-    interleaved = both.select(np.arange(40).reshape(2, 20).T.ravel())
+    with pytest.warns(DataQualityWarning, match=r"line 21: .*a.csv, line 1.*20 such"):
+        unique = without_duplicates(table)
+    assert unique.value_m.tolist() == VALUE_M.tolist()
+    interleaved = table.select(np.arange(40).reshape(2, 20).T.ravel())
     with pytest.warns(DataQualityWarning, match="20 such"):
         assert len(without_duplicates(interleaved)) == 20
 
 
 def test_another_value_a_microsecond_later_is_an_error():
-    both = series(np.concatenate([ODD_S, ODD_S[:1] + 1e-6]), np.append(VALUE_M, VALUE_M[0] + 2.0))
-    with pytest.raises(InputError, match=r"line 21: .*another value.*line 1 \(1 such"):
-        without_duplicates(both)
+    table = series(np.concatenate([ODD_S, ODD_S[:1] + 1e-6]), np.append(VALUE_M, VALUE_M[0] + 2.0))
+    with pytest.raises(InputError, match=r"line 21: .*line 1 \(1 such"):
+        without_duplicates(table)
 
 
 @pytest.mark.parametrize(
@@ -91,27 +90,27 @@ def test_another_value_a_microsecond_later_is_an_error():
         series(1e-3 * np.arange(500)),
         series(np.repeat(np.arange(50.0), 2), link=np.tile([0, 1], 50), value_m=7.8e8),
         series(np.repeat(ODD_S, 3), wavelength_um=np.tile([0.532, 1.064, 2.0], 20)),
-        series(ODD_S[0] + 8.64e-5 * np.arange(20), value_m=6.6e8),  # values alike by chance
-        series(np.arange(50.0), value_m=300.0, kind=KINDS.index("doppler"), tag=1, count_s=1.0),
-        series(1e-5 * np.arange(9), value_m=1e-3, kind=KINDS.index("doppler"), tag=1, count_s=1e-5),
+        series(ODD_S[0] + 8.64e-5 * np.arange(20), value_m=6.6e8),  # equal values by chance
+        series(np.arange(50.0), value_m=300.0, kind="doppler", tag="receive", count_s=1.0),
+        series(1e-5 * np.arange(9), value_m=1e-3, kind="doppler", tag="receive", count_s=1e-5),
         series(
             np.repeat(ODD_S, 2),
             value_m=300.0,
-            kind=KINDS.index("doppler"),
-            tag=1,
+            kind="doppler",
+            tag="receive",
             count_s=np.tile([1, 60], 20),
         ),
     ],
     ids=["1 Hz", "1 kHz", "links", "wavelengths", "values", "counts", "short counts", "intervals"],
 )
-def test_dense_series_are_kept_whole(dense):
+def test_dense_series_have_no_copies(dense):
     assert without_duplicates(dense) is dense
 
 
 def test_arrays_are_read_only_copies():
-    given = np.full(4, 7.7e8)
-    table = make(value_m=given)
-    given[0] = 1.0
+    values = np.full(4, 7.7e8)
+    table = make(value_m=values)
+    values[0] = 1.0
     assert table.value_m[0] == 7.7e8
     for array in (table.value_m, table.link, table.epoch.jd, table.select([0, 1]).sigma_m):
         with pytest.raises(ValueError, match="read-only"):
@@ -121,15 +120,15 @@ def test_arrays_are_read_only_copies():
 @pytest.mark.parametrize(
     ("changes", "line", "words"),
     [
-        ({"value_m": [7e8, np.nan, 7e8, 7e8]}, 11, "value_m is nan"),
+        ({"value_m": [7e8, np.nan, 7e8, 7e8]}, 11, "value_m: .* got nan"),
         ({"value_m": [7e8, 7e8, -7e8, 7e8]}, 12, "above zero"),
-        ({"sigma_m": [1.0, 1.0, 1.0, 0.0]}, 13, "sigma_m is 0"),
-        ({"sigma_m": np.inf}, 10, "sigma_m is inf"),
-        ({"temperature_k": 20.0}, 10, "temperature_k is 20"),
+        ({"sigma_m": [1.0, 1.0, 1.0, 0.0]}, 13, "sigma_m: .* got 0"),
+        ({"sigma_m": np.inf}, 10, "sigma_m: .* got inf"),
+        ({"temperature_k": 20.0}, 10, "temperature_k: .* got 20"),
         ({"relative_humidity": [0.1, 0.2, 34.0, 0.1]}, 12, "0 to 1"),
         ({"pressure_hpa": 101325.0}, 10, "100 to 1100"),
         ({"wavelength_um": 0.0}, 10, "wavelength_um"),
-        ({"wavelength_um": 35.4, "uplink_hz": 7.2e9}, 10, "the frequency down is 0.05 to 20 times uplink_hz"),
+        ({"wavelength_um": 35.4, "uplink_hz": 7.2e9}, 10, "0.05 to 20 times"),
     ],
 )
 def test_impossible_values_name_file_and_line(changes, line, words):
@@ -142,33 +141,33 @@ def test_impossible_values_name_file_and_line(changes, line, words):
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"value_m": [1.0, 2.0]}, "4 epochs need one value or 4"),
-        ({"link": [0, 1, 2, 0]}, "allowed are 0 to 1"),
-        ({"tag": -1}, "tag holds codes"),
-        ({"kind": len(KINDS)}, "kind holds codes"),
+        ({"value_m": [1.0, 2.0]}, "one value or 4"),
+        ({"link": [0, 1, 2, 0]}, "indices of 0 to 1"),
+        ({"tag": -1}, "tag: expected indices"),
+        ({"kind": len(KINDS)}, "kind: expected indices"),
         ({"epoch": Epochs.from_jd(np.full(4, 2460000.5), 0.0, "TT")}, "UTC"),
         ({"files": (), "line": None, "sigma_m": [1, 1, -1, 1]}, "observation 3"),
     ],
 )
-def test_unusable_columns_are_refused(changes, words):
+def test_unusable_columns(changes, words):
     with pytest.raises(InputError, match=words):
         make(**changes)
 
 
-def test_select_and_concatenate_lose_nothing():
-    one, two = make(), make(files=("b.npt",), links=LINKS[::-1])
-    joined = Observations.concatenate([one, two])
+def test_select_and_concatenate():
+    first, second = make(), make(files=("b.npt",), links=LINKS[::-1])
+    joined = Observations.concatenate([first, second])
     assert joined.links == LINKS
     assert joined.files == ("a.npt", "b.npt")
-    assert joined.paths().tolist() == one.paths().tolist() + two.paths().tolist()
+    assert joined.paths().tolist() == first.paths().tolist() + second.paths().tolist()
     assert joined.origin(5) == "b.npt, line 11"
     back = joined.select(joined.file == 1)
-    assert back.paths().tolist() == two.paths().tolist()
-    assert back.value_m.tolist() == two.value_m.tolist()
+    assert back.paths().tolist() == second.paths().tolist()
+    assert back.value_m.tolist() == second.value_m.tolist()
     assert joined.select(slice(None, None, -1)).line.tolist() == joined.line.tolist()[::-1]
     assert len(joined.select(np.zeros(8, dtype=bool))) == 0
     assert len(joined.select(3)) == 1
-    with pytest.raises(InputError, match="at least one"):
+    with pytest.raises(InputError, match="one or more"):
         Observations.concatenate([])
 
 
@@ -178,21 +177,21 @@ def test_equal_links_become_one():
     assert table.link.tolist() == [0, 0, 0, 0]
 
 
-def test_span_is_from_the_first_to_the_last_whatever_the_order():
+def test_span_does_not_depend_on_the_order():
     epoch = Epochs.from_jd(2460000.5 + np.array([1.0, 0.0, 1.0, 0.0]), np.array([0.9, 0.3, 0.1, 0.2]), "UTC")
     table = make(epoch=epoch)
     assert (table.span().jd.tolist(), table.span().fraction.tolist()) == ([2460000.5, 2460001.5], [0.2, 0.9])
 
 
-def test_what_residuals_of_a_link_are_grouped_by():
+def test_place_and_reception_signs_of_links():
     assert Link.from_path("KASHI>lander>JIAMUSI").place == "JIAMUSI"
     assert Link.from_path("KASHI<lander>JIAMUSI").place == "KASHI\N{EN DASH}JIAMUSI"
     assert Link.from_path("KASHI>lander>JIAMUSI").reception_signs == {"KASHI": 0.0, "JIAMUSI": 1.0}
     assert Link.from_path("KASHI<lander>JIAMUSI").reception_signs == {"KASHI": -1.0, "JIAMUSI": 1.0}
 
 
-def test_a_name_that_is_too_long_is_told_whatever_the_others_are():
-    with pytest.raises(InputError, match="is too long a name; give up to 80"):
+def test_names_of_links_have_a_maximum_length():
+    with pytest.raises(InputError, match="up to 80 characters"):
         Link("KASHI", "x" * 101, "KASHI")
 
 
@@ -208,16 +207,16 @@ def test_summary_counts_by_path_and_type():
 def test_to_table_has_all_columns():
     observations = make()
     table = observations.to_table()
-    # Epoch, tag, type and path go by other names; all other columns by their own.
-    other = {"epoch", "tag", "kind", "link", "links", "files", "ramps"}
-    assert {f.name for f in dataclasses.fields(observations)} - other <= set(table.colnames)
+    # Epoch, tag, type and path have other names.
+    renamed = {"epoch", "tag", "kind", "link", "links", "files", "ramps"}
+    assert {f.name for f in dataclasses.fields(observations)} - renamed <= set(table.colnames)
     assert observations.to_table("pandas").columns.tolist() == table.colnames
-    with pytest.raises(InputError, match="no table of 'polars'; use astropy or pandas"):
+    with pytest.raises(InputError, match="polars"):
         observations.to_table("polars")
     assert list(table["line"]) == [10, 11, 12, 13]
 
 
-def test_link_path_there_and_back():
+def test_link_path_round_trip():
     assert Link.from_path(" A > b > C ") == Link("A", "b", "C")
     assert Link.from_path(LINKS[0].path) == LINKS[0]
     for path in ("lander>C", "A<lander>C", "A<rover|lander>C"):
@@ -229,23 +228,23 @@ def test_link_path_there_and_back():
     assert Link.from_path("lander>C").stations == ("C",)
     assert Link.from_path("A<rover|lander>C").targets == ("rover", "lander")
     for bad in ("A", "A>b|c>D", "|b>C", "<b>C", "A<b|>C", "A>b>C>d", "A>>C", "", "A>b,c>D"):
-        with pytest.raises(InputError, match=r"cannot name|is not a path|of a baseline"):
+        with pytest.raises(InputError, match=r"name: expected|path: expected|stations"):
             Link.from_path(bad)
 
 
 @pytest.mark.parametrize(
-    ("given", "name"),
+    ("alias", "name"),
     [("AP15", "apollo15"), ("APOLLO_14", "apollo14"), ("Lunokhod-2", "luna21"), (" Chang'e-4 ", "chang'e-4")],
 )
-def test_canonical_target(given, name):
-    assert canonical_target(given) == name
+def test_canonical_target(alias, name):
+    assert canonical_target(alias) == name
 
 
 RATE = {
-    "kind": KINDS.index("vlbi_delay_rate"),
+    "kind": "vlbi_delay_rate",
     "links": [Link("SESHAN25", "lander", "URUMQI", True)],
     "link": 0,
-    "tag": TIME_TAGS.index("receive"),
+    "tag": "receive",
     "value_m": -3000.0,
     "count_s": 60.0,
 }
@@ -254,18 +253,18 @@ RATE = {
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"count_s": np.nan}, "needs its count interval"),
-        ({"count_s": 0.0}, "needs its count interval"),
-        ({"tag": TIME_TAGS.index("transmit")}, "tagged at the arrival at the first station"),
+        ({"count_s": np.nan}, "count interval above zero"),
+        ({"count_s": 0.0}, "count interval above zero"),
+        ({"tag": "transmit"}, "receive for vlbi_delay_rate"),
         ({"links": [Link("SESHAN25", "lander", "URUMQI")]}, "station1<target>station2"),
-        ({"value_m": 60001.0}, "changes by less than 1000 m in a second"),
+        ({"value_m": 60001.0}, "1000 m in a second"),
         (
-            {"kind": KINDS.index("vlbi_delay"), "value_m": -1.29e7, "count_s": np.nan},
-            r"a VLBI delay is not longer than the Earth \(12.8e6 m, 43 ms\)",
+            {"kind": "vlbi_delay", "value_m": -1.29e7, "count_s": np.nan},
+            "below the Earth",
         ),
     ],
 )
-def test_a_delay_rate_is_a_growth_of_a_delay(changes, words):
+def test_limits_of_delay_rates(changes, words):
     rate = make(**RATE)
     assert rate.types()[0] == "vlbi_delay_rate"
     assert is_integrated(rate.kind).all()

@@ -43,7 +43,7 @@ def values_m(model, table, at_m=APOLLO15_PA_M, trajectory=None):
 def gained_s(model, tdb, radius_m=1737.4e3, trajectory=None):
     every = np.ones(len(tdb), dtype=bool)
     clock = target_clock(model, tdb, every, np.full(len(tdb), radius_m), tdb[:1], trajectory)
-    return clock.ahead_s - clock.ahead_s[0], clock.rate
+    return clock.offset_s - clock.offset_s[0], clock.rate
 
 
 def test_a_clock_on_the_moon_gains_56_microseconds_a_day(model):

@@ -159,9 +159,9 @@ def test_tables_that_overlap_are_joined_and_contradictions_are_named():
     halves = [ramps((0.0, 100.0, F0_HZ, 1.0)), ramps((60.0, 300.0, F0_HZ + 60.0, 1.0))]
     joined = Ramps.concatenate(halves)
     assert (len(joined), joined.duration_s.tolist()) == (1, [pytest.approx(300.0)])
-    with pytest.raises(InputError, match=r"contradict .* 2024-05-02T02:01:00\S* UTC: [\d.]+ and [\d.]+ Hz"):
+    with pytest.raises(InputError, match=r"2024-05-02T02:01:00\S* UTC"):
         Ramps.concatenate([halves[0], ramps((60.0, 300.0, F0_HZ, 1.0))])
-    with pytest.raises(InputError, match=r"ramp of KASHI at 2024-05-02T02:00:00.* lasts -1 s"):
+    with pytest.raises(InputError, match=r"over -1 s"):
         ramps((0.0, -1.0, F0_HZ, 0.0))
 
 
@@ -182,7 +182,7 @@ def test_observations_keep_their_ramps_and_need_a_reference_frequency():
     assert len(both.ramps) == 3
     assert both[:2].ramps is both.ramps
     assert both.ramped.all()
-    with pytest.raises(InputError, match="ramped is 1, but cycles need their reference frequency"):
+    with pytest.raises(InputError, match="ramped: expected a reference"):
         Observations.from_columns(
             epoch=START,
             links=[TWO_WAY],
@@ -218,7 +218,7 @@ def test_ramps_and_observations_come_back_from_their_tables(tmp_path, model):
         ("KASHI,2024-05-02T06:00:00,2024-05-02T06:10:00,7.2e9", "line 2: has 4 fields, but the header has 5"),
         ("KASHI,2024-05-02T06:00:00,2024-05-02T06:10:00,fast,0", "line 2: .*'fast'"),
         ("KASHI,2024-13-02T06:00:00,2024-05-02T06:10:00,7.2e9,0", "line 2: "),
-        ("KASHI,2024-05-02T06:00:00,2024-05-02T05:10:00,7.2e9,0", "must end after it begins"),
+        ("KASHI,2024-05-02T06:00:00,2024-05-02T05:10:00,7.2e9,0", "end after the start"),
     ],
 )
 def test_a_damaged_table_of_ramps_is_one_error(tmp_path, line, message):

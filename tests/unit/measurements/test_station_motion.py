@@ -58,7 +58,7 @@ def test_straight_motion_holds_for_a_millisecond(model):
     now = motion(model).point
     for offset_s in (-1e-3, 1e-3):
         there = motion(model, offset_s).point.position_m
-        assert np.abs(now.at(np.full(COUNT, offset_s)) - there).max() < 5e-8
+        assert np.abs(now.position_at(np.full(COUNT, offset_s)) - there).max() < 5e-8
 
 
 def test_scale_and_contraction(model):

@@ -165,7 +165,7 @@ def test_motions_are_one_for_each_target_and_of_the_kind_that_was_prepared(model
     arc = together(model, table, (LANDER, orbit))
     with pytest.raises(InputError, match="expected 2, one for each target"):
         arc.at(LANDER)
-    with pytest.raises(InputError, match="in the same order"):
+    with pytest.raises(InputError, match="in the order"):
         arc.at((OrbitMotion(orbit), LANDER))
 
 

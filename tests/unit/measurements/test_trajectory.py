@@ -144,7 +144,7 @@ def test_outside_the_trajectory_is_an_error_that_names_file_and_span(model, fold
 
 def test_a_trajectory_is_never_interpolated(model, orbiter):
     table = tracking("KASHI>x>KASHI", epochs_tai(3, 30.0))
-    with pytest.raises(InputError, match="tracking of a spacecraft is not interpolated"):
+    with pytest.raises(InputError, match="for a spacecraft"):
         prepare_predictor(model, table, orbiter, "interpolated")
 
 
@@ -152,7 +152,7 @@ def test_too_far_for_the_light_path(model, folder):
     states = circular(3.0e10, model.ephemeris.constants.gm_earth_m3_s2)
     file = write_states(folder / "far.bsp", states, center=399, step_s=3600.0)
     table = tracking("KASHI>x>KASHI", epochs_tai(2, 1.0))
-    with pytest.raises(InputError, match=r"30\.0 million km from the Earth"):
+    with pytest.raises(InputError, match=r"got 30\.0 million km"):
         ExactPredictor(model, table, Trajectory.open(file, ORBITER))
 
 

@@ -93,7 +93,7 @@ def test_orbit_without_manoeuvres_has_no_detection(model):
         ),
         (
             replace(FORCES, impulses=(burn(0.0, (0.0, 0.5, 0.1)),)),
-            "at the epoch of craft",
+            "impulse burn",
         ),
     ],
 )

@@ -306,10 +306,10 @@ def test_delays_of_equipment(read):
 @pytest.mark.parametrize(
     ("line", "message"),
     [
-        ("transponder_delay_s = 1.2", "[model] transponder_delay_s: 1.2 is no delay of equipment"),
+        ("transponder_delay_s = 1.2", "[model] transponder_delay_s: expected 0"),
         ("station_delay_s = { KASHI = 3e-8 }", "[model.station_delay_s.KASHI] must be a table"),
         ("station_delay_s = { ATLANTIS = { transmit = 1e-8 } }", "[model] station_delay_s: "),
-        ("station_delay_s = { APOLLO = {}, 7045 = {} }", "7045 is another name of APOLLO"),
+        ("station_delay_s = { APOLLO = {}, 7045 = {} }", "7045 duplicates APOLLO"),
     ],
 )
 def test_what_are_no_delays(line, message, read):

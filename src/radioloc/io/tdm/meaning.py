@@ -42,7 +42,7 @@ from radioloc.io.tdm.message import (
 )
 from radioloc.io.tdm.segment import Reading, SegmentReader
 from radioloc.measurements.measurement_type import TIME_TAGS
-from radioloc.measurements.observations import Observations, counted_once, without_duplicates
+from radioloc.measurements.observations import Observations, without_duplicates, without_second
 from radioloc.measurements.registry import KINDS, MEASUREMENTS
 from radioloc.measurements.table_columns import FLIGHT_TIME_LIMITS_S
 from radioloc.vectors import Floats
@@ -168,7 +168,7 @@ def _read(part: SegmentReader, keyword: str) -> Observations:
         # Peaks of a spectrum that are picked by hand are often recorded twice; the first counts.
         epoch = observations.epoch
         repeated = np.flatnonzero((np.diff(epoch.jd) == 0.0) & (np.diff(epoch.fraction) == 0.0))
-        observations = counted_once(
+        observations = without_second(
             observations, repeated, repeated + 1, "a repeated frequency of this epoch"
         )
     return observations

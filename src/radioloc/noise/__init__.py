@@ -10,7 +10,7 @@ from radioloc.noise.covariance import (
     White,
 )
 from radioloc.noise.processes import NONE, Process
-from radioloc.noise.whitening import Rows, RowsOf, StructuredWhitener, TransposableWhitener, Whitener
+from radioloc.noise.whitening import StructuredWhitener, TransposableWhitener, Whitener
 
 __all__ = [
     "ALONE",
@@ -20,8 +20,6 @@ __all__ = [
     "NoiseTerm",
     "ObservationCovariance",
     "Process",
-    "Rows",
-    "RowsOf",
     "SharedAtEpoch",
     "StructuredWhitener",
     "TransposableWhitener",

@@ -29,7 +29,8 @@ from radioloc.noise.whitening import Banded, Blocks, Diagonal, Filtered, Rows, S
 from radioloc.parameters.rows import networks
 from radioloc.vectors import Floats
 
-ALONE = -1  # group or link of an observation that shares no error
+ALONE = -1
+"""Group or link of an observation that shares no error with others."""
 
 _MIN_VARIANCE_RATIO = 1e-10  # of combinations in a block: below, rounding shows in the weights
 _MIN_INNOVATION_FRACTION = 1e-10  # of the variance: below, the observation follows from others

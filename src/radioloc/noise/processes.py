@@ -15,7 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from radioloc.vectors import Floats
 
-NONE = -1  # index of no process
+NONE = -1
+"""Index in place of a process, for observations without one."""
 
 
 @dataclass(frozen=True, slots=True)

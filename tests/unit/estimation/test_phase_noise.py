@@ -106,7 +106,7 @@ LANDER_PA_M = LANDER.to_axes("PA", PhysicalModel.build().ephemeris.constants).xy
 
 
 def test_phase_noise_of_ranges_is_none():
-    with pytest.raises(InputError, match="noise of range: phase_m is of what is counted"):
+    with pytest.raises(InputError, match="noise of range: phase_m"):
         NoiseModel({"range": Noise(phase_m=1.0)})
 
 

@@ -199,7 +199,7 @@ def test_delays_of_four_stations_carry_half_of_what_they_seem_to(site, made):
     assert shown.fit.shared_noise_m == {
         f"vlbi_delay of {name}": pytest.approx(STATION_M, rel=0.01) for name in sorted(STATIONS)
     }
-    assert "share errors of stations" in str(shown)
+    assert "common to the delays of one epoch" in " ".join(str(shown).split())
     assert found.sigma_enu_m("formal") == pytest.approx(shown.sigma_enu_m("formal"), rel=0.01)
     # Not known of, it is an additive component, a little less than that of a delay.
     alone = locate(site, made)

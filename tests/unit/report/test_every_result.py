@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 from dataclasses import replace
 from functools import cache
 
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 from html_page import Page
 from matplotlib.figure import Figure
-from paths import EXAMPLES
+from paths import EXAMPLES, ROOT
 from toy_moon import LANDER_M, ToyMoon, toy_solution
 
 import radioloc
@@ -23,6 +24,7 @@ from radioloc.report.page import write_html
 from radioloc.results.covariance import Contribution, CovarianceStudy, Improvement, PlannedArc
 from radioloc.results.monte_carlo import LinearityCheck, MonteCarlo
 from radioloc.results.registry import RESULTS, result_type
+from radioloc.results.result import Table
 from radioloc.results.subsets import Arc, ArcStudy, LeaveOneOut, Omission
 
 
@@ -134,6 +136,35 @@ def test_a_folder_has_all_files_and_figures_and_the_page(name, tmp_path):
     page = Page((folder / "report.html").read_text(encoding="utf-8"))
     assert len(page.all("img")) >= len(FIGURES_OF[name])
     assert all(image["alt"] for image in page.all("img"))
+
+
+def names_in(content):
+    """Keys of JSON at all levels, columns of tables, except names that belong to the data."""
+    if isinstance(content, Table):
+        yield from content.columns
+    elif isinstance(content, str):
+        yield from content.partition("\n")[0].split(",")
+    elif isinstance(content, dict):
+        for key, value in content.items():
+            yield key
+            if key != "provenance":
+                yield from names_in(value) if not isinstance(value, str) else ()
+    elif isinstance(content, list | tuple):
+        for item in content:
+            yield from names_in(item) if not isinstance(item, str) else ()
+
+
+@pytest.mark.parametrize("name", [*MADE])
+def test_every_key_and_column_is_on_the_page_of_output_files(name):
+    text = (ROOT / "docs" / "reference" / "output-files.md").read_text(encoding="utf-8")
+    quoted = re.findall(r"`([^`\n]+)`", re.sub(r"^```.*?^```$", "", text, flags=re.MULTILINE | re.DOTALL))
+    documented = {word for item in quoted for word in re.split(r"[.\s]+", item)}
+    files = {
+        file: content for file, content in MADE[name][0]().files().items() if file.endswith(("json", "csv"))
+    }
+    names = {item for content in files.values() for item in names_in(content)}
+    of_data = {"kernel", "pixel", "clock_m"}
+    assert {item for item in names if re.fullmatch("[a-z][a-z0-9_]*", item)} - of_data <= documented
 
 
 @pytest.mark.parametrize("name", [name for name in MADE if name != "images"])

@@ -74,7 +74,7 @@ def _drawn(path: Path) -> None:
 
 
 def _page(path: Path) -> None:
-    write_report(compare([path]), path.parent / "page", html=True)
+    write_report(path.parent / "page", compare([path]), html=True)
 
 
 def _resumed(path: Path) -> None:

@@ -72,7 +72,7 @@ def _solution(options: argparse.Namespace, *, fitted: bool) -> radioloc.Solution
         prior = study.estimate.height_prior
         dem = prior.terrain if fitted and isinstance(prior, TerrainPrior) else None
         terms = arc if options.terms else None
-        radioloc.write_report(solution, options.out, terms, html=options.report, dem=dem)
+        radioloc.write_report(options.out, solution, terms, html=options.report, dem=dem)
     if options.residuals_tdm is not None:
         agency = options.originator
         radioloc.io.write_residuals_tdm(options.residuals_tdm, solution, arc.observations, originator=agency)

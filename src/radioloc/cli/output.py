@@ -84,7 +84,7 @@ def finish(options: argparse.Namespace, result: Result) -> int:
     if "report" in options and options.out is not None:
         from radioloc.report.files import write_report
 
-        write_report(result, options.out, html=options.report)
+        write_report(options.out, result, html=options.report)
     tell(options, result, result.to_dict)
     return exit_status(options, result)
 

@@ -108,7 +108,7 @@ def covariance(options: argparse.Namespace) -> int:
         return finish(options, plans[0])
     if options.out is not None:
         for plan in plans:
-            radioloc.write_report(plan, options.out / plan.name, html=options.report)
+            radioloc.write_report(options.out / plan.name, plan, html=options.report)
     card = "\n\n".join(map(str, [*plans, plans_card(plans)]))
     tell(options, card, lambda: [plan.to_dict() for plan in plans])
     return exit_status(options, *plans)

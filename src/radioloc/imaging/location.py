@@ -132,7 +132,7 @@ def _shaded_map(chosen: ImageChoice, folder: Path) -> tuple[Path, str]:
         assert chosen.sun_elevation_deg is not None
         azimuth_deg, elevation_deg = chosen.sun_azimuth_deg, chosen.sun_elevation_deg
     path = folder / f"{chosen.dem.stem}_shaded.tif"
-    write_shaded_map(chosen.dem, path, azimuth_deg, elevation_deg)
+    write_shaded_map(path, chosen.dem, azimuth_deg, elevation_deg)
     sun = f"azimuth {azimuth_deg:.2f} and elevation {elevation_deg:.2f} degrees over its middle"
     return path, f"{chosen.dem.name} is shaded with the Sun at {sun}"
 

@@ -64,7 +64,7 @@ def sun_direction(azimuth_deg: float, elevation_deg: float) -> Floats:
 
 
 def write_shaded_map(
-    dem: str | Path, path: str | Path, sun_azimuth_deg: float, sun_elevation_deg: float
+    path: str | Path, dem: str | Path, sun_azimuth_deg: float, sun_elevation_deg: float
 ) -> None:
     """Write an elevation model, shaded by the Lunar-Lambert law, as GeoTIFF in its projection; 0 without height."""
     sun = sun_direction(sun_azimuth_deg, sun_elevation_deg)

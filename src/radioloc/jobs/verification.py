@@ -91,7 +91,7 @@ def verify(path: str | Path, study: str | Path | None = None) -> Verification:
     --------
     >>> import radioloc
     >>> study = radioloc.read_study("examples/apollo15/apollo15.toml")
-    >>> written = radioloc.write_report(radioloc.locate(study), "out")
+    >>> written = radioloc.write_report("out", radioloc.locate(study))
     >>> radioloc.verify("out/solution.json").same
     True
     """

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.errors import InputError
+from radioloc.errors import InputError, require_type
 from radioloc.io.ccsds import write_orbit_oem, write_orbit_opm
 from radioloc.io.spice_kernels import write_orbit_spk
 from radioloc.io.table import batches_of, write_csv
@@ -40,8 +40,8 @@ INCOMPLETE = "INCOMPLETE"
 
 
 def write_report(
-    result: Result,
     folder: str | Path,
+    result: Result,
     terms_by: Predictor | None = None,
     *,
     html: bool = False,
@@ -51,11 +51,11 @@ def write_report(
 
     Parameters
     ----------
+    folder : path-like
+        Made if it does not exist. Its files are of one result: those of the same names are replaced, others of an
+        earlier such result are removed, and until all are written there is one called ``INCOMPLETE``.
     result : Solution, ArcStudy, MonteCarlo, CovarianceStudy, LeaveOneOut, Comparison or another registered type
         Result of a job, or of a type that another package registers.
-    folder : path-like
-        Made where it does not exist. Its files are of one result: those of the same names are replaced, others of an
-        earlier such result are removed, and until all are written there is one called ``INCOMPLETE``.
     terms_by : Predictor, optional
         Predictor of the study of a solution, to write ``terms.csv`` and its figure as well: for each observation, what
         each active term of the model adds to the computed value at the estimate.
@@ -82,12 +82,13 @@ def write_report(
     --------
     >>> import radioloc
     >>> solution = radioloc.locate(radioloc.read_study("examples/apollo15/apollo15.toml"))
-    >>> [path.name for path in radioloc.write_report(solution, "out")][:2]
+    >>> [path.name for path in radioloc.write_report("out", solution)][:2]
     ['solution.json', 'residuals.csv']
     >>> comparison = radioloc.compare(["out/solution.json"])
-    >>> [path.name for path in radioloc.write_report(comparison, "compared")][:2]
+    >>> [path.name for path in radioloc.write_report("compared", comparison)][:2]
     ['table1.csv', 'table1.md']
     """
+    require_type("folder", folder, str, Path)
     contents = dict(result.files())
     extra_figures: dict[str, Figure | None] = {}
     if isinstance(result, Solution) and terms_by is not None:
@@ -112,7 +113,7 @@ def write_report(
         if html:
             drawn = {path.stem: path for path in written if path.suffix == ".png"}
             written.append(folder / PAGE)
-            write_html(result, written[-1], figures=drawn)
+            write_html(written[-1], result, figures=drawn)
         remove_files(folder, (*contents, *earlier_files(result_type(result))), written)
     return written
 

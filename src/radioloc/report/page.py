@@ -38,17 +38,17 @@ class _Section:
 
 
 def write_html(
-    result: Result, path: str | Path, *, figures: Mapping[str, Path | BytesIO] = MappingProxyType({})
+    path: str | Path, result: Result, *, figures: Mapping[str, Path | BytesIO] = MappingProxyType({})
 ) -> None:
     """Write a result as one HTML page, which needs no network and no other file.
 
     Parameters
     ----------
-    result : Solution, ArcStudy, MonteCarlo, CovarianceStudy, LeaveOneOut, Comparison or another registered type
-        What to show: its card and figures, and for a solution the error budget, the rejected
-        observations and the provenance.
     path : path-like
-        The file, ``.html``.
+        File to write, ``.html``.
+    result : Solution, ArcStudy, MonteCarlo, CovarianceStudy, LeaveOneOut, Comparison or another registered type
+        Result to show: its card and figures, and for a solution the error budget, the rejected observations and the
+        provenance.
     figures : mapping of str to path-like or BytesIO, optional
         PNG files of figures that are drawn already, by their names without ending.
 
@@ -61,7 +61,7 @@ def write_html(
     --------
     >>> import radioloc
     >>> solution = radioloc.locate(radioloc.read_study("examples/apollo15/apollo15.toml"))
-    >>> radioloc.report.write_html(solution, "apollo15.html")
+    >>> radioloc.report.write_html("apollo15.html", solution)
     """
     jinja2 = require_page()
     title = visible(str(getattr(result, "name", "Comparison")))

@@ -198,7 +198,7 @@ def test_points_of_one_image_share_its_orbit(tmp_path):
 @pytest.mark.parametrize("name", ["by_stereo", "by_image"])
 def test_written_solutions_have_the_common_keys(name, request, tmp_path):
     solution = request.getfixturevalue(name)
-    written = write_report(solution, tmp_path)
+    written = write_report(tmp_path, solution)
     assert [path.name for path in written] == ["solution.json", "position.png", "position.svg"]
     content = json.loads(written[0].read_text())
     assert {"position", "sigma", "covariance", "considered", "fit", "provenance", "reference"} <= set(content)

@@ -22,7 +22,7 @@ def test_shaded_model_is_similar_to_rendered_ground_under_the_same_sun(tmp_path)
     GROUND.write_map(tmp_path / "map.tif", 20.0, 12000.0, sun_direction(100.0, 35.0), noise=0.0)
     images = {}
     for azimuth_deg in (100.0, 260.0):
-        write_shaded_map(tmp_path / "dem.tif", tmp_path / "shaded.tif", azimuth_deg, 35.0)
+        write_shaded_map(tmp_path / "shaded.tif", tmp_path / "dem.tif", azimuth_deg, 35.0)
         with rasterio.open(tmp_path / "shaded.tif") as file:
             images[azimuth_deg] = file.read(1)
     with rasterio.open(tmp_path / "map.tif") as file:
@@ -49,7 +49,7 @@ def test_sun_has_one_direction_on_both_sides_of_a_pole(tmp_path):
         file.write(heights.astype(np.float32), 1)
     images = {}
     for azimuth_deg in (0.0, 180.0):
-        write_shaded_map(tmp_path / "dem.tif", tmp_path / "shaded.tif", azimuth_deg, 30.0)
+        write_shaded_map(tmp_path / "shaded.tif", tmp_path / "dem.tif", azimuth_deg, 30.0)
         with rasterio.open(tmp_path / "shaded.tif") as file:
             images[azimuth_deg] = file.read(1).astype(int)
     assert (images[0.0] > images[180.0]).all()
@@ -58,7 +58,7 @@ def test_sun_has_one_direction_on_both_sides_of_a_pole(tmp_path):
 def test_sun_below_the_horizon_is_refused(tmp_path):
     GROUND.write_heights(tmp_path / "dem.tif", 100.0, 1000.0)
     with pytest.raises(InputError, match="elevation above 0"):
-        write_shaded_map(tmp_path / "dem.tif", tmp_path / "shaded.tif", 100.0, -5.0)
+        write_shaded_map(tmp_path / "shaded.tif", tmp_path / "dem.tif", 100.0, -5.0)
 
 
 @pytest.mark.parametrize("name", ["lro_nac.json.gz", "lro_nac_polar.json.gz", "kaguya_tc.json.gz"])

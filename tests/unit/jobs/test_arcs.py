@@ -207,7 +207,7 @@ def toy_pair(variance_m2):
 @pytest.mark.usefixtures("undrawn")
 def test_what_is_written(found, tmp_path):
     folder = tmp_path
-    radioloc.write_report(found, folder)
+    radioloc.write_report(folder, found)
     assert json.loads((folder / "arcs.json").read_text()) == json.loads(json.dumps(found.to_dict()))
     with (folder / "table1.csv").open(newline="") as stream:
         rows = list(csv.DictReader(stream))

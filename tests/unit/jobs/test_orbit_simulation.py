@@ -198,7 +198,7 @@ def test_what_errors_of_gravity_do_to_a_plan_is_in_its_budget(made, tmp_path):
     written = json.loads(json.dumps(found.to_dict()))["arcs"][-1]
     assert written["sigma_along_m"] == pytest.approx(arc.sigma_m[0])
     assert len(written["state"]["mapped"]) == 25
-    names = {path.name for path in radioloc.write_report(found, tmp_path)}
+    names = {path.name for path in radioloc.write_report(tmp_path, found)}
     assert {"covariance.png", "covariance_on_arc.png"} <= names
 
 
@@ -262,7 +262,7 @@ def test_trials_of_an_orbit_are_those_of_full_fits(made, tmp_path):
     # Noise by the residuals of each trial: the median is that of the noise stated to some percent.
     expected_m = claimed.sigma_rtn_m(tdb)[:, [1, 2, 0]]
     np.testing.assert_allclose(np.median(found.sigmas_m, axis=0), expected_m, rtol=0.1)
-    names = {path.name for path in radioloc.write_report(found, tmp_path)}
+    names = {path.name for path in radioloc.write_report(tmp_path, found)}
     assert {"trials.csv", "trials.png", "error_by_length.png"} <= names
     assert (tmp_path / "trials.csv").read_text().startswith("trial,hours,at_h,converged,")
 

@@ -87,7 +87,7 @@ def test_an_orbit_is_found_again_over_36_hours_from_two_kilometres_away(model, f
 
 @pytest.mark.study
 def test_a_solution_of_an_orbit_says_its_state(solution, tmp_path):
-    radioloc.write_report(solution, tmp_path)
+    radioloc.write_report(tmp_path, solution)
     content = json.loads((tmp_path / "solution.json").read_text())
     assert content["position"] is None
     state = content["state"]
@@ -105,7 +105,7 @@ def test_a_solution_of_an_orbit_says_its_state(solution, tmp_path):
 
 @pytest.mark.study
 def test_the_orbit_is_written_for_other_tools(solution, tmp_path):
-    names = {path.name for path in radioloc.write_report(solution, tmp_path)}
+    names = {path.name for path in radioloc.write_report(tmp_path, solution)}
     assert names > {"orbit.bsp", "orbit.oem", "orbit.opm"}
     state = solution.state
     tdb = state.orbit.times(50)
@@ -124,7 +124,7 @@ def test_the_orbit_is_written_for_other_tools(solution, tmp_path):
     assert float(keywords["CX_X"]) == pytest.approx(1e-6 * state.covariance[0, 0], rel=1e-9)
     lost = replace(solution, status=FitStatus.MAX_ITERATIONS)
     assert not {"orbit.bsp", "orbit.oem", "orbit.opm"} & {
-        path.name for path in radioloc.write_report(lost, tmp_path)
+        path.name for path in radioloc.write_report(tmp_path, lost)
     }
     assert not (tmp_path / "orbit.bsp").exists()
 

@@ -34,7 +34,7 @@ def predictor(study):
 @pytest.fixture(scope="module")
 def folder(solution, tmp_path_factory):
     folder = tmp_path_factory.mktemp("out") / "deep" / "er"
-    assert sorted(write_report(solution, folder)) == sorted(folder.iterdir())
+    assert sorted(write_report(folder, solution)) == sorted(folder.iterdir())
     return folder
 
 
@@ -68,7 +68,7 @@ def test_solution_file(folder, solution):
 @pytest.mark.usefixtures("undrawn")
 def test_terms_file(predictor, solution, folder, tmp_path):
     path = tmp_path / "new" / "terms.csv"
-    assert path in write_report(solution, tmp_path / "new", predictor)
+    assert path in write_report(tmp_path / "new", solution, predictor)
     rows, residuals = rows_of(path), rows_of(folder / "residuals.csv")
     assert list(rows[0]) == [
         "epoch_utc",
@@ -88,7 +88,7 @@ def test_terms_file(predictor, solution, folder, tmp_path):
 def test_again_gives_the_same_bytes(figures, study, folder, tmp_path, request):
     if not figures:
         request.getfixturevalue("undrawn")
-    written = write_report(radioloc.locate(study), tmp_path)
+    written = write_report(tmp_path, radioloc.locate(study))
     for file in written if figures else written[:2]:
         assert file.read_bytes() == (folder / file.name).read_bytes(), file.name
 
@@ -99,7 +99,7 @@ def test_no_plot_of_a_position_that_is_not_known(apollo15, near15, tmp_path):
     hidden = LunarPosition.from_selenographic(178.0, 26.0, 0.0)
     far = radioloc.compute_residuals(Study(target=hidden), apollo15.select([0, 1]))
     for k, solution in enumerate((one, far)):
-        names = {file.name for file in write_report(solution, tmp_path / str(k))}
+        names = {file.name for file in write_report(tmp_path / str(k), solution)}
         drawn = {name.removesuffix(".png") for name in names if name.endswith(".png")}
         # Of the first an observation is used; the Moon hides the second point, so nothing is distributed.
         assert drawn == ({"residuals", "distribution"} if solution.residuals.used.any() else {"residuals"})
@@ -110,5 +110,5 @@ def test_no_plot_of_a_position_that_is_not_known(apollo15, near15, tmp_path):
 def test_what_cannot_be_written_is_named(name, solution, tmp_path):
     (tmp_path / name).mkdir()
     with pytest.raises(InputError, match=str(tmp_path)):
-        write_report(solution, tmp_path)
+        write_report(tmp_path, solution)
     assert (tmp_path / INCOMPLETE).exists()

@@ -95,7 +95,7 @@ def test_arcs_of_targets_of_every_kind_have_positions_states_and_files(arcs, tmp
     card = str(arcs)
     assert "craft" in card
     assert "other" in card
-    radioloc.write_report(arcs, tmp_path)
+    radioloc.write_report(tmp_path, arcs)
     states = (tmp_path / "states.csv").read_text().splitlines()
     assert states[0].startswith("target,name,sigma_radial_m")
     assert len(states) == 1 + 2 * 3
@@ -122,7 +122,7 @@ def test_places_and_states_without_a_station_are_within_sigmas_of_those_with_all
 
 @pytest.mark.study
 def test_files_of_several_orbits_are_in_a_folder(together, tmp_path):
-    radioloc.write_report(together, tmp_path)
+    radioloc.write_report(tmp_path, together)
     names = sorted(path.name for path in (tmp_path / "orbits").iterdir())
     assert names == [
         f"{name}.{form}" for name in ("craft", "descent", "other") for form in ("bsp", "oem", "opm")

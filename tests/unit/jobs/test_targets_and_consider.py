@@ -110,13 +110,13 @@ def test_arcs_show_all_targets_each_beside_its_longest(folder, tmp_path):
         assert -row.longitude_west_deg == pytest.approx(place.selenographic[0], abs=1e-3)
         assert (row.west_m is None) == ("4 h" in row.name)
         assert row.west_m is None or abs(row.west_m) < 1.0  # not the 100 m from the lander to the rover
-    names = {path.name for path in radioloc.write_report(found, tmp_path, html=True)}
+    names = {path.name for path in radioloc.write_report(tmp_path, found, html=True)}
     assert {"arcs.png", "arcs_2.png", "table1.csv"} <= names
     assert "rover, 2 h" in (tmp_path / "table1.csv").read_text()
 
 
 def test_solutions_of_several_targets_are_compared_by_the_one_that_is_named(folder, tmp_path, capsys):
-    path = radioloc.write_report(radioloc.locate(study(folder)), tmp_path)[0]
+    path = radioloc.write_report(tmp_path, radioloc.locate(study(folder)))[0]
     with pytest.raises(InputError, match=r"solution.json: expected .*lander, rover.*got none.*--target"):
         compare([path])
     with pytest.raises(InputError, match="got 'orbiter'"):

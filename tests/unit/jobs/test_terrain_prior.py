@@ -46,7 +46,7 @@ def test_an_hour_of_ranges_with_a_map(model, terrain, tmp_path):
     longitude_deg, latitude_deg, height_m = found.selenographic
     map_m = float(terrain.height_m(np.radians(longitude_deg), np.radians(latitude_deg)))
     assert height_m == pytest.approx(map_m + above_m, abs=1e-3)
-    write_report(found, tmp_path)
+    write_report(tmp_path, found)
     prior = json.loads((tmp_path / "solution.json").read_text())["provenance"]["estimate"]["height_prior"]
     [file] = terrain.metadata.files
     assert prior == {
@@ -68,5 +68,5 @@ def test_the_position_is_drawn_on_terrain_as_fine_as_its_sigma(tmp_path, monkeyp
     drawn = tmp_path / "map.png"
     # Cells of 60 m and of 7.6 km; sigmas of 25 and 40 m.
     for name, shaded in (("images/dem.tif", True), ("change5/ldem_4_landing_site.tif", False)):
-        write_report(solution, tmp_path, dem=TerrainModel.open(f"examples/{name}"))
+        write_report(tmp_path, solution, dem=TerrainModel.open(f"examples/{name}"))
         assert drawn.is_file() is shaded

@@ -154,7 +154,7 @@ def test_a_study_that_has_moved(copy, again):
 def test_what_was_changed_in_python_is_not_taken_for_the_file(copy):
     study = radioloc.read_study(copy / "s.toml")
     other = replace(study, estimate=replace(study.estimate, rejection_sigma=4.0))
-    radioloc.write_report(radioloc.locate(other), copy / "out")
+    radioloc.write_report(copy / "out", radioloc.locate(other))
     with pytest.raises(InputError, match=r"its settings differ \(estimate\)"):
         verify(copy / "out" / "solution.json")
     given = radioloc.read_observations(copy / DATA).select(range(100))
@@ -169,7 +169,7 @@ def test_kernels_are_known_by_their_content(copy):
     with (copy / "s.toml").open("a") as file:
         file.write('[model]\nephemeris = "k.bsp"\n')
     shutil.copy(find_kernel("DE421", "SPK"), copy / "k.bsp")
-    radioloc.write_report(radioloc.locate(radioloc.read_study(copy / "s.toml")), copy / "out")
+    radioloc.write_report(copy / "out", radioloc.locate(radioloc.read_study(copy / "s.toml")))
     assert verify(copy / "out" / "solution.json").same
     with (copy / "k.bsp").open("ab") as file:
         file.write(b"\0" * 1024)

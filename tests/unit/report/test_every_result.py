@@ -118,7 +118,7 @@ def test_a_folder_has_all_files_and_figures_and_the_page(name, tmp_path):
     make, files = MADE[name]
     result = make()
     assert result_type(result).name == name
-    written = radioloc.write_report(result, tmp_path / "new" / "out", html=True)
+    written = radioloc.write_report(tmp_path / "new" / "out", result, html=True)
     folder = tmp_path / "new" / "out"
     figures = {f"{figure}.{ending}" for figure in FIGURES_OF[name] for ending in ("png", "svg")}
     expected = files | figures | {"report.html"}
@@ -175,7 +175,7 @@ def test_card_and_page_and_notebook_have_the_same_fields(name, tmp_path, monkeyp
     assert "-0.0 " not in text
     json.dumps(result.to_dict(), allow_nan=False)
     monkeypatch.setattr("radioloc.report.page.figures_of", lambda _: [])
-    write_html(result, tmp_path / "page.html")
+    write_html(tmp_path / "page.html", result)
     page, notebook = Page((tmp_path / "page.html").read_text(encoding="utf-8")), Page(result._repr_html_())
     for shown, fields in (
         (page, [f for f in result.card().fields if f.section]),

@@ -36,12 +36,12 @@ def names(folder):
 
 def test_results_that_share_names_replace_each_other_whole_and_others_stay(solution, tmp_path):
     (tmp_path / "notes.txt").write_text("of the user")
-    write_report(ArcStudy("toy", (Arc(72.0, 72.0, solution),)), tmp_path)
+    write_report(tmp_path, ArcStudy("toy", (Arc(72.0, 72.0, solution),)))
     assert "72h/solution.json" in names(tmp_path)
-    write_report(solution, tmp_path)
+    write_report(tmp_path, solution)
     both = names(tmp_path)
     assert {"arcs.json", "solution.json", "residuals.csv", "notes.txt"} <= both
-    write_report(compare([tmp_path / "solution.json"]), tmp_path)
+    write_report(tmp_path, compare([tmp_path / "solution.json"]))
     assert "arcs.json" not in names(tmp_path)
     assert not {name for name in names(tmp_path) if name.startswith(("72h/", "figure2."))}
     assert {"comparison.json", "solution.json", "notes.txt"} <= names(tmp_path)
@@ -55,12 +55,12 @@ def test_a_second_writer_is_refused_and_a_killed_one_leaves_nothing(solution, tm
     try:
         assert other.stdout.readline() == b"locked\n"
         with pytest.raises(InputError, match="another run"):
-            write_report(solution, tmp_path)
+            write_report(tmp_path, solution)
         assert "solution.json" not in names(tmp_path)
     finally:
         other.kill()
         other.communicate()
-    write_report(solution, tmp_path)
+    write_report(tmp_path, solution)
     assert "solution.json" in names(tmp_path)
     assert not list(tmp_path.glob(TEMPORARY_FILES))
     assert INCOMPLETE not in names(tmp_path)

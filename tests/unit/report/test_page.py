@@ -38,7 +38,7 @@ def solution():
 @pytest.fixture(scope="module")
 def written(solution, tmp_path_factory):
     path = tmp_path_factory.mktemp("page") / "toy.html"
-    write_html(solution, path)
+    write_html(path, solution)
     return path
 
 
@@ -117,7 +117,7 @@ def test_numbers_are_those_of_the_dictionary(page, solution):
 def test_missing_extra_is_named(solution, monkeypatch, tmp_path, capsys):
     monkeypatch.setitem(sys.modules, "jinja2", None)
     with pytest.raises(InputError, match=r"pip install 'radioloc\[report\]'$"):
-        write_html(solution, tmp_path / "toy.html")
+        write_html(tmp_path / "toy.html", solution)
     # Before the work: there is no such study.
     assert cli.main(["locate", "none.toml", "--out", str(tmp_path), "--report"]) == 2
     assert capsys.readouterr().err.count("pip install 'radioloc[report]'\n") == 1

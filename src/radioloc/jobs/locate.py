@@ -25,7 +25,7 @@ from radioloc.estimation.variance_components import fit_with_variance_components
 from radioloc.jobs.notes import limitations_of, notes_of, provenance
 from radioloc.jobs.one_thread import on_one_blas_thread
 from radioloc.jobs.orbit_start import near_orbit
-from radioloc.jobs.preparation import known_positions, prepared_arc
+from radioloc.jobs.preparation import known_positions, prepared_arc, with_model_of_caller
 from radioloc.jobs.problem import EstimationProblem, GravityErrorOrbits, orbit_states, with_weights
 from radioloc.jobs.station_doubts import coordinate_doubts
 from radioloc.jobs.stochastic import StochasticProblem
@@ -34,6 +34,7 @@ from radioloc.jobs.verdict import mark_if_unobservable, misfits, search_that_hel
 from radioloc.labels import USED, Labels
 from radioloc.lunar import rot_pa_to_me
 from radioloc.measurements.observations import Observations
+from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.predictor import Predictor, blocks
 from radioloc.measurements.target_motion import Motions, positions_pa_m
 from radioloc.results.build import build_solution, compare_with
@@ -52,7 +53,9 @@ _MAX_VISIBILITY_DECISIONS = 4
 """Fits after which visibility is decided anew: observations at a limit could be in and out by turns."""
 
 
-def locate(study: Study | str | Path, observations: Observations | None = None) -> Solution:
+def locate(
+    study: Study | str | Path, observations: Observations | None = None, model: PhysicalModel | None = None
+) -> Solution:
     """Fit the position and what else the study asks for.
 
     Parameters
@@ -61,6 +64,8 @@ def locate(study: Study | str | Path, observations: Observations | None = None) 
         Built in Python, from :func:`~radioloc.study.study_file.read_study`, or the path of its file.
     observations : Observations, optional
         In place of the study's files.
+    model : PhysicalModel, optional
+        Model and station catalogue in place of those of the study (``PhysicalModel.build``).
 
     Raises
     ------
@@ -75,11 +80,13 @@ def locate(study: Study | str | Path, observations: Observations | None = None) 
     >>> solution.converged, len(solution.residuals)
     (True, 153)
     """
-    study = as_study(study)
-    return fit_arc(study, *prepared_arc(study, observations), study.estimate)
+    study = with_model_of_caller(as_study(study), model)
+    return fit_arc(study, *prepared_arc(study, observations, model=model), study.estimate)
 
 
-def compute_residuals(study: Study | str | Path, observations: Observations | None = None) -> Solution:
+def compute_residuals(
+    study: Study | str | Path, observations: Observations | None = None, model: PhysicalModel | None = None
+) -> Solution:
     """Compute observed minus computed at the study's position; nothing is fitted or edited.
 
     Parameters and errors as :func:`locate`.
@@ -90,8 +97,8 @@ def compute_residuals(study: Study | str | Path, observations: Observations | No
     >>> radioloc.compute_residuals("examples/apollo15/apollo15.toml").residuals.residual_m.shape
     (153,)
     """
-    study = as_study(study)
-    return fit_arc(study, *prepared_arc(study, observations), None)
+    study = with_model_of_caller(as_study(study), model)
+    return fit_arc(study, *prepared_arc(study, observations, model=model), None)
 
 
 @on_one_blas_thread()

@@ -41,7 +41,9 @@ from radioloc.study.weights import require_stations, weighted_observations
 logger = logging.getLogger(__name__)
 
 
-def arc_of(study: Study | str | Path, observations: Observations | None = None) -> Predictor:
+def arc_of(
+    study: Study | str | Path, observations: Observations | None = None, model: PhysicalModel | None = None
+) -> Predictor:
     """Return the prepared arc of a study, at its a-priori positions or trajectory, for predictions and tables of terms.
 
     Parameters and errors as :func:`radioloc.locate`.
@@ -53,7 +55,12 @@ def arc_of(study: Study | str | Path, observations: Observations | None = None) 
     >>> arc.compute().by_position_pa.shape
     (153, 3)
     """
-    return prepared_arc(as_study(study), observations)[0]
+    return prepared_arc(with_model_of_caller(as_study(study), model), observations, model=model)[0]
+
+
+def with_model_of_caller(study: Study, model: PhysicalModel | None) -> Study:
+    """Return the study for a model of the caller: with its stations, and without a file that would reproduce it."""
+    return study if model is None else replace(study, catalogue=model.catalogue, path=None)
 
 
 @on_one_blas_thread()
@@ -61,12 +68,13 @@ def prepared_arc(
     study: Study,
     observations: Observations | None = None,
     orbits: Mapping[str, AdjustableOrbit] | None = None,
+    model: PhysicalModel | None = None,
 ) -> tuple[Predictor, dict[str, int]]:
     """Return the prepared arc of a study, and the number of observations that were not asked for, by reason.
 
     The a-priori `orbits` of targets over all of them, by name, are not integrated anew.
     """
-    model = model_of(study)
+    model = model_of(study) if model is None else model
     constants = model.ephemeris.constants
     start = apriori_points(study, model)
     known_positions(study, constants)  # one in a wrong frame is to be told before the work, not after it

@@ -228,6 +228,18 @@ def test_each_term_can_be_left_out(term, thinned, near15):
     assert (apart_m(found, full) > 1e-6) == matters
 
 
+def test_model_of_the_caller_replaces_that_of_the_study(thinned, near15, model):
+    few, full, _ = thinned
+    solution = radioloc.locate(Study(target=near15), few, model=model.without("solid_earth_tide"))
+    of_study = fit(few, near15, model=ModelChoice(off=["solid_earth_tide"]))
+    assert np.array_equal(solution.values, of_study.values)
+    assert apart_m(solution, full) > 1e-3
+    assert solution.provenance["terms_off"] == ["solid_earth_tide"]
+    assert solution.provenance["study"] is None
+    residuals = radioloc.compute_residuals(Study(target=near15), few, model=model.without("solid_earth_tide"))
+    assert residuals.provenance["terms_off"] == ["solid_earth_tide"]
+
+
 def test_far_side_is_refused_in_words(apollo15):
     far = LunarPosition.from_selenographic(178.0, 26.0, 0.0)
     held = radioloc.study.EstimateChoice(position="none", range_bias="all")

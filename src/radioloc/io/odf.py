@@ -86,11 +86,11 @@ def read_odf(
             raise odf_error(odf.path, f"unknown data type {code}", record)
     content = [f"{n} {TYPES[code]}" for code, n in zip(codes.tolist(), counts.tolist(), strict=True)]
     logger.info("%s: %s, %d ramps", odf.path, ", ".join(content) or "no data", len(odf.ramps))
-    if len(others := np.flatnonzero(odf.orbit["spacecraft"] != odf.spacecraft)):
+    if len(foreign := np.flatnonzero(odf.orbit["spacecraft"] != odf.spacecraft)):
         problem = (
-            f"expected spacecraft {odf.spacecraft} of the label, got {odf.orbit['spacecraft'][others[0]]}"
+            f"expected spacecraft {odf.spacecraft} of the label, got {odf.orbit['spacecraft'][foreign[0]]}"
         )
-        raise _record_error(odf, int(others[0]), f"{problem}; give the file of one spacecraft")
+        raise _record_error(odf, int(foreign[0]), f"{problem}; give the file of one spacecraft")
     if (odf.clocks["offset_s"] != 0).any() or (odf.clocks["offset_ns"] != 0).any():
         warnings.warn(
             f"{odf.path}: {len(odf.clocks)} records of clock offsets between stations are not applied; estimate or "

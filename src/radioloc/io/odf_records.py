@@ -76,8 +76,8 @@ def read_odf_file(path: str | Path) -> OdfFile:
     content = read_bytes(path)
     if not looks_like_odf(content):
         raise FileFormatError(path, "does not begin with the file label of an orbit data file (key 101)")
-    if rest := len(content) % RECORD_BYTES:
-        problem = f"ends {rest} bytes into record {len(content) // RECORD_BYTES + 1}"
+    if excess_bytes := len(content) % RECORD_BYTES:
+        problem = f"ends {excess_bytes} bytes into record {len(content) // RECORD_BYTES + 1}"
         raise FileFormatError(path, f"{problem}: it was cut or is damaged; fetch it again")
     words = np.frombuffer(content, dtype=">u4").reshape(-1, 9).astype(np.uint32)
     groups = _groups(path, words)

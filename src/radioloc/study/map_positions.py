@@ -85,7 +85,7 @@ class PlaceOnMap:
         self.read()
 
     @property
-    def known(self) -> LunarPosition | None:
+    def known_place(self) -> LunarPosition | None:
         """Known position of a reflector or landmark."""
         if self.known_deg_m is None:
             return None
@@ -148,7 +148,7 @@ class MapPosition:
 
 def position_priors(places: Sequence[PlaceOnMap], targets: Sequence[str]) -> tuple[PositionPrior, ...]:
     """Combine positions on maps to one a-priori position of each target."""
-    items = [(_target(place, targets), place.known, place.read()) for place in places]
+    items = [(_target(place, targets), place.known_place, place.read()) for place in places]
     _require_distinct([position for *_, position in items])
     located = {position.map for _, known_place, position in items if known_place is None}
     for _, _, position in items:
@@ -162,7 +162,7 @@ def position_priors(places: Sequence[PlaceOnMap], targets: Sequence[str]) -> tup
 
 def _target(place: PlaceOnMap, targets: Sequence[str]) -> str:
     """Return the name of a target in the study; empty of known places, and of the only target without a name."""
-    if tuple(targets) == ("",) or place.known is not None:
+    if tuple(targets) == ("",) or place.known_place is not None:
         return ""
     if place.target is None and len(targets) == 1:
         return targets[0]

@@ -97,7 +97,7 @@ class ObservationChoice:
     tdm: TdmAgreement = entry(
         factory=TdmAgreement,
         keys=tuple(TDM_KEYS),
-        read=lambda table, _: table.read(TdmAgreement, TDM_KEYS, whole=False),
+        read=lambda table, _: table.read(TdmAgreement, TDM_KEYS, finish=False),
     )
     frequencies: tuple[FrequencyAgreement, ...] = ()
     sites: tuple[Path, ...] = ()

@@ -163,7 +163,7 @@ class TomlTable:
         return self.fail(key, "is missing") if value is None else value
 
     def read(
-        self, record: type[_Record], keys: Mapping[str, str] | None = None, whole: bool = True, **values: Any
+        self, record: type[_Record], keys: Mapping[str, str] | None = None, finish: bool = True, **values: Any
     ) -> _Record:
         """Return a record from the keys, by default its fields, and from given values of fields."""
         kinds = get_type_hints(record, include_extras=True)
@@ -175,7 +175,7 @@ class TomlTable:
             else:
                 kind = float | kinds[name] if rules.get("both") else kinds[name]
                 values[name] = self.get(key, rules.get("kind", kind))
-        if whole:
+        if finish:
             self.finish()
         for name, f in fields.items():
             needed = f.default is dataclasses.MISSING and f.default_factory is dataclasses.MISSING

@@ -71,7 +71,7 @@ def test_readings_of_strf(tmp_path):
 
 
 def test_a_heading_and_an_order_that_is_none(tmp_path):
-    """As spreadsheets leave them: a heading without a comment, readings out of order, other line ends."""
+    """Spreadsheets write a heading without a comment, readings out of order and other line ends."""
     lines = [line for line in READINGS.splitlines() if line[:2] == "59"]
     path = tmp_path / "a.dat"
     path.write_bytes("\r\n".join(["MJD Freq Flux Site", *reversed(lines), ""]).encode())
@@ -141,7 +141,7 @@ def test_detections_of_older_and_newer_files(tmp_path):
 
 
 def test_several_files_of_one_night(tmp_path):
-    """What was sent is said by file; a reading that is in two files counts once."""
+    """Each file has its transmitted frequency; a reading in two files counts once."""
     first = write(tmp_path / "one.dat", READINGS)
     second = write(
         tmp_path / "two.dat", READINGS.splitlines(keepends=True)[0] + "59902.7 8459278000.5 1 4171\n"

@@ -70,7 +70,7 @@ def test_every_field_comes_back(written):
 
 
 def test_two_way_doppler(written):
-    """By hand: 240/221 of 2100062003 Hz is the downlink of 2280610320.0 Hz, 1 Hz of which is 0.13145 m/s."""
+    """Expected by hand: 240/221 of 2100062003 Hz is the downlink of 2280610320.0 Hz, 1 Hz of which is 0.13145 m/s."""
     path = written([doppler(k) for k in range(4)])
     result = read_odf(path)
     hertz = -119.651956557 + 3.0 * np.arange(4)

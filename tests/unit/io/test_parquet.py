@@ -30,7 +30,7 @@ def assert_same(first, second):
 
 
 def some_observations(count=6):
-    """Of three kinds, one in a leap second, others with 12 decimals."""
+    """Return observations of three kinds, one in a leap second, others with 12 decimals."""
     texts = ["2016-12-31T23:59:60.5", "1972-01-01T00:00:00", "2024-02-29T23:59:59.999999999990"]
     texts += [f"2020-12-01T00:{k // 60:02d}:{k % 60:02d}.{7 * k:012d}" for k in range(count - 3)]
     kind = np.arange(count) % 3

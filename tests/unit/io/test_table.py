@@ -153,7 +153,7 @@ def test_cut_inside_the_last_number():
     assert parse_table("a.csv", f"{header}{row}\n".split("\n"), None).wavelength_um[0] == 0.752
     with pytest.raises(FileFormatError, match="line 2: the last line has no line end: its wavelength_um"):
         parse_table("a.csv", f"{header}{row}"[:-1].split("\n"), None)
-    # A time tag that was cut is none.
+    # A cut time tag is refused.
     complete = f"{header}{row}\n".replace(",wavelength_um", "").replace(",0.752\n", "")
     assert len(parse_table("a.csv", complete.split("\n"), None)) == 1
 
@@ -171,7 +171,7 @@ def rows(count):
 
 @pytest.mark.study
 def test_blocks_and_quotes_make_no_difference(tmp_path, monkeypatch):
-    """Whether in one block or many, plain or quoted row by row: the same rows."""
+    """Blocks of any size, plain or quoted, have the same rows."""
     plain = [HEADER, *rows(200)]
     complete = parse_table("a.csv", plain, None)
     quoted = [f'"{line}"'.replace(",", '","') if k % 50 == 7 else line for k, line in enumerate(plain)]

@@ -1,4 +1,4 @@
-"""From messages to observations: every keyword that changes a value or a time tag, and what is refused."""
+"""Observations from messages: every keyword that changes a value or a time tag, and refusals."""
 
 import numpy as np
 import pytest

@@ -69,7 +69,7 @@ def test_ramped_doppler_there_and_back(model, tmp_path):
 
 
 def test_the_same_by_another_reference_frequency(model, tmp_path):
-    """What is read is in metres by the first frequency of the message, whatever it was before."""
+    """Values read are in metres by the first frequency of the message, whatever the written reference."""
     shifted = counts(uplink_hz=REFERENCE_HZ + 12345.0)
     observed = counts(uplink_hz=REFERENCE_HZ + 12345.0, value_m=computed(model, shifted).value_m)
     write_tdm(tmp_path / "a.kvn", observed, originator="TEST")
@@ -79,7 +79,7 @@ def test_the_same_by_another_reference_frequency(model, tmp_path):
 
 
 def test_ramped_ranges_there_and_back(model, tmp_path):
-    """In range units of a nanosecond at the first frequency, ambiguous by a modulus."""
+    """Ranges are in units of a nanosecond at the first frequency, ambiguous by a modulus."""
     ranges = counts(kind=RANGE, link=0, count_s=np.nan, value_m=7.7e8, modulus_m=3e5)
     modelled_m = computed(model, ranges).value_m
     observed = counts(kind=RANGE, link=0, count_s=np.nan, value_m=modelled_m % 3e5, modulus_m=3e5)
@@ -97,7 +97,7 @@ BEACON_HZ, STEP_HZ = 8.4592790387e9, 5000.0
 
 
 def heard_hz(model):
-    """What is received beyond its frequency of a lander that sends 5 kHz more from 14:07:00 on."""
+    """Return the received frequency offset of a lander that sends 5 kHz more from 14:07:00 on."""
     of_beacon = {"links": [Link("", "lander", "KASHI")], "link": 0, "uplink_hz": np.nan}
     of_beacon |= {"wavelength_um": 1e6 * C_M_S / BEACON_HZ, "ramped": False, "ramps": None}
     growth_m = computed(model, counts(kind=KINDS.index("one_way_doppler"), **of_beacon)).value_m

@@ -143,7 +143,7 @@ def test_differenced_doppler():
 
 
 def test_the_wavelength_of_a_delay_is_that_of_what_is_received():
-    """Where the study knows the uplink, the target sends it times the ratio."""
+    """With a known uplink, the target sends it times the ratio."""
     uplink = FrequencyAgreement(7.2e9, 0.5, transmitter="KASHI", turnaround=(880, 749))
     got = read(
         (DELAY, ["VLBI_DELAY = 2021-03-28T14:00:00 1e-3"]), sigma_m={"vlbi_delay": 0.1}, frequencies=(uplink,)

@@ -48,7 +48,7 @@ def table(name="record", /, **content):
 
 def test_a_record_is_read_by_the_types_of_its_fields():
     assert table().read(Record) == Record()
-    found = table(
+    record = table(
         n=3,
         t="y",
         many="one",
@@ -60,7 +60,7 @@ def test_a_record_is_read_by_the_types_of_its_fields():
         flag=True,
         pair=[880, 749],
     ).read(Record)
-    assert found == Record(
+    assert record == Record(
         n=3.0,
         t="y",
         many=("one",),

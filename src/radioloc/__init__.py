@@ -86,6 +86,6 @@ __getattr__, __dir__ = _lazy_exports(
         "study": "Study read_study",
         "time": "Epochs",
     },
-    "cli dynamics earth ephemeris errors estimation imaging io jobs kernels lunar measurements media parameters "
-    "report results search simulation study targets time",
+    "cli dynamics earth ephemeris errors estimation imaging io jobs kernels lunar measurements media noise "
+    "parameters report results search simulation study targets time",
 )

@@ -12,7 +12,7 @@ from radioloc.earth.eop import EopTable
 from radioloc.ephemeris import Ephemeris, LunarOrientation, Trajectory
 from radioloc.io import TdmAgreement, read_observations, read_tdm
 from radioloc.io.crd import read_crd
-from radioloc.io.frequencies import FrequencyAgreement, read_fdets, read_sites, read_strf
+from radioloc.io.frequencies import FrequencyAgreement, read_sites, read_strf
 from radioloc.io.mini import read_mini
 from radioloc.io.odf import read_odf
 from radioloc.io.table import read_parquet, read_table
@@ -98,14 +98,6 @@ SHADR = "1738.0, 4902.8, 2.0e-05, 2, 2, 1, 0.0, 0.0\n" + "".join(
     f"2, {m}, {1e-4 - 1e-5 * m:.6E}, {m * 1e-6:.6E}, 1E-11, 1E-11\n" for m in range(3)
 )
 STRF = "59902.606603\t2216497878.100\t   9.610\t8049\n59902.6067 2216497877.1 0.0002 4171 9999\n"
-FDETS = """\
-# Observation conducted on 2013.12.28 at Ww rev. 2
-# Base frequency: 2210.00 MHz
-# Format : scan | UTC Time | Signal-to-Noise | Spectral max | Freq. detection [Hz] | Doppler noise [Hz]
-#
-1 2013-12-28T09:30:05.500 1.0e+04 5.7e+03 6264011.812 -1.3e-02
-1 34215.5 1.0e+04 5.7e+03 6264001.812 -1.3e-02
-"""
 SOURCES = "source,right_ascension_deg,declination_deg\n0059+581,15.690677,58.403093\n1741-038,265.995234,-3.834616\n"
 ICRF = """\
 ICRF Designation        IERS Des. Inf.  Right Ascension       Declination
@@ -155,7 +147,6 @@ TEXTS = {
     "tdm": (lambda path: read_tdm(path, AGREEMENT), "\n".join(kvn((TWO_WAY, RANGES)))),
     "tdm_xml": (lambda path: read_tdm(path, AGREEMENT), xml((TWO_WAY, RANGES))),
     "strf": (lambda path: read_strf(path, BEACON), STRF),
-    "fdets": (lambda path: read_fdets(path, BEACON), FDETS),
     "sites": (read_sites, SITES),
     "study": (read_study, STUDY),
 }

@@ -16,9 +16,7 @@ from radioloc.errors import FileFormatError, InputError
 from radioloc.io.crd import read_crd
 from radioloc.io.frequencies import (
     FrequencyAgreement,
-    looks_like_fdets,
     looks_like_strf,
-    read_fdets,
     read_strf,
 )
 from radioloc.io.mini import read_mini
@@ -165,12 +163,6 @@ READERS = Registry(
             "lines: modified Julian date, Hz, strength, site",
             _by_lines(looks_like_strf),
             lambda paths, settings: read_strf(paths[0], settings.frequencies, catalogue=settings.catalogue),
-        ),
-        Reader(
-            "Fdets frequencies",
-            "comments first, one of them: Base frequency: 8400.00 MHz",
-            _by_lines(looks_like_fdets),
-            lambda paths, settings: read_fdets(paths[0], settings.frequencies, catalogue=settings.catalogue),
         ),
         Reader(
             "table of observations",

@@ -1,4 +1,4 @@
-"""Readers of received frequencies (STRF, Fdets), and their conversion to Doppler in metres.
+"""Reader of received frequencies (STRF), and their conversion to Doppler in metres.
 
 With light time tau(t) at reception t, the phase that arrives at t left the transmitter at t - tau(t), multiplied by the
 transponder's ratio M. Of a frequency f that is sent, the mean received frequency F over the count interval T from t0 on
@@ -10,19 +10,13 @@ STRF and its rffit (``.dat``): a line is the time of the middle of an integratio
 files ``yy/mm/dd hh:mm:ss.s``), the frequency of the signal's peak (Hz), its strength, which is not used, and the number
 of the site. A second site is that of a transmitter whose signal the target reflects. Sites are stations called ``COSPAR
 4171``, as tracking messages of the same observers call them.
-
-Fdets, the detections of radio telescopes (PRIDE): comments at the start say the day, the telescope, the base frequency
-(MHz) and, in newer files, the integration time (dT). A record is the time (UTC date, or second of the day) of the
-middle of the integration, signal to noise, spectral maximum, the frequency above the base (Hz) and its residual after a
-fit (Hz); a scan number, or the day as a modified Julian date, may precede the time. Molera Calves et al. (2021), PASA
-38, e065.
 """
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePath
 from typing import NamedTuple
@@ -54,14 +48,6 @@ _READING = re.compile(
     re.ASCII,
 )
 _SITE = re.compile(rf"(\d{{1,4}})\s+\S+\s+({_NUMBER})\s+({_NUMBER})\s+({_NUMBER})(?:\s.*)?", re.ASCII)
-_COMMENT = ("#", "//", "*")
-_HEAD = {
-    "base": re.compile(r"base frequency:\s*(\S+)\s*MHz", re.IGNORECASE),
-    "day": re.compile(r"conducted on (\d{4})[.-](\d\d)[.-](\d\d)(?: at (\w+))?", re.IGNORECASE | re.ASCII),
-    "dT": re.compile(r"\bdT:\s*(\d+(?:\.\d*)?)\s*s", re.ASCII),
-    "by_day": re.compile(r"format\s*:\s*(modified|mjd)", re.IGNORECASE),
-}
-_IN_NAME = re.compile(r"Fdets\.[^.]+\.\d\d\.\d\d[^.]*\.(\w+)\.")
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +61,7 @@ class FrequencyAgreement:
     sigma_hz : float or Quantity
         Standard deviation of a received frequency, the mean over a count interval, Hz.
     count_s : float or Quantity, optional
-        Count interval about the time tag, s, unless the file states it.
+        Count interval about the time tag, s; STRF needs it, messages state it.
     target : str
         Name of the target in the observations.
     transmitter : str
@@ -173,16 +159,13 @@ def range_change_m(
     return np.asarray(C_M_S * (count_s * part))
 
 
-def frequency_observations(
+def _observations(
     path: str | Path,
     agreements: Sequence[FrequencyAgreement],
     catalogue: StationCatalogue | None,
     readings: Sequence[Reading],
-    *,
-    offset_hz: float = 0.0,
-    count_s: float | None = None,
 ) -> Observations:
-    """Return the Doppler of the received frequencies of one file, whose `offset_hz` and count interval it may state."""
+    """Return the Doppler of the received frequencies of one file."""
     if not readings:
         raise FileFormatError(path, "has no readings; fetch it again")
     dates, second_of_day, hz, lines, stations = zip(*readings, strict=True)
@@ -196,13 +179,13 @@ def frequency_observations(
     if agreement is None:
         problem = "received frequencies need the transmitted one; give transmit_hz and sigma_hz under"
         raise FileFormatError(path, f"{problem} [[observations.frequencies]] (FrequencyAgreement in Python)")
-    count_s = agreement.count_s or count_s
+    count_s = agreement.count_s
     if count_s is None:
         problem = "lacks the integration time; give count_s under [[observations.frequencies]]"
         raise FileFormatError(path, problem)
     value_m = range_change_m(
         received_hz,
-        offset_hz,
+        0.0,
         agreement.transmit_hz,
         agreement.ratio,
         count_s,
@@ -255,7 +238,7 @@ def read_strf(
             date, second_of_day = _day_of(int(mjd)), SECONDS_PER_DAY * float(part)
         ends = _site_name(transmitter) if transmitter else "", _site_name(receiver)
         readings.append(Reading(date, second_of_day, float(frequency), number, ends))
-    return frequency_observations(path, agreements, catalogue, readings)
+    return _observations(path, agreements, catalogue, readings)
 
 
 def read_sites(path: str | Path) -> tuple[Station, ...]:
@@ -314,86 +297,6 @@ def _content(line: str) -> str:
 
 def _site_name(number: str) -> str:
     return f"COSPAR {number.zfill(4)}"
-
-
-def looks_like_fdets(lines: list[str]) -> bool:
-    """Return whether the comments at the start of a file state a base frequency."""
-    head = [line for line in lines[:10] if line.lstrip().startswith(_COMMENT)]
-    return bool(head) and head[0] == lines[0] and any(_HEAD["base"].search(line) for line in head)
-
-
-def read_fdets(
-    path: str | Path, agreements: Sequence[FrequencyAgreement], *, catalogue: StationCatalogue | None = None
-) -> Observations:
-    """Read a file of frequency detections, plain or gzip, as Doppler; the file or its name states the telescope."""
-    head: dict[str, re.Match[str]] = {}
-    detections = []
-    for number, text in enumerate(read_lines(path, ended=True), start=1):
-        if not (content := text.strip()) or content.startswith(_COMMENT):
-            for name, form in _HEAD.items():
-                if name not in head and (match := form.search(content)):
-                    head[name] = match
-            continue
-        try:
-            *scan, time, _, _, frequency_hz, _ = content.split()
-            if len(scan) > 1:
-                raise ValueError
-            epoch = _date_and_second(path, number, time, scan, head)
-            detections.append((*epoch, float(frequency_hz), number))
-        except FileFormatError:
-            raise
-        except ValueError:
-            problem = f"expected time, signal to noise, maximum, frequency and residual, got {content[:60]!r}"
-            raise FileFormatError(path, problem, number) from None
-    telescope = _telescope(path, head)
-    try:
-        base_hz = 1e6 * float(head["base"][1])
-    except (KeyError, ValueError):
-        text = head["base"][1] if "base" in head else "none"
-        problem = f"expected a base frequency in MHz in the head of the file, got {text}"
-        raise FileFormatError(path, problem) from None
-    return frequency_observations(
-        path,
-        agreements,
-        catalogue,
-        [Reading(*detection, ends=("", telescope)) for detection in detections],
-        offset_hz=base_hz,
-        count_s=float(head["dT"][1]) if "dT" in head else None,
-    )
-
-
-def _telescope(path: str | Path, head: Mapping[str, re.Match[str]]) -> str:
-    """Return the telescope in the head of a file, or else in its name."""
-    in_head = (head["day"][4] if "day" in head else "") or ""
-    in_name = (_IN_NAME.search(Path(path).name) or ["", ""])[1]
-    if in_head and in_name and in_head.upper() != in_name.upper():
-        problem = (
-            f"the telescope is {in_head} in the head and {in_name} in the file's name; correct one of them"
-        )
-        raise FileFormatError(path, problem)
-    if not (in_head or in_name):
-        problem = (
-            "lacks the telescope, in the head and in its name; name it like Fdets.mex2013.12.28.Ww.r2i.txt"
-        )
-        raise FileFormatError(path, problem)
-    return in_head or in_name
-
-
-def _date_and_second(
-    path: str | Path, number: int, time: str, scan: list[str], head: Mapping[str, re.Match[str]]
-) -> tuple[str, float]:
-    """Return the date of a record and its second of the day, which may go on counting; NaN if the date has a time."""
-    if "T" in time:
-        return time, math.nan
-    second_of_day = float(time)
-    if not 0.0 <= second_of_day < 2.0 * SECONDS_PER_DAY:
-        raise ValueError
-    if scan and "by_day" in head:
-        return _day_of(float(scan[0])), second_of_day
-    if "day" not in head:
-        problem = "the day is missing in the records and in the head of the file; add it"
-        raise FileFormatError(path, problem, number)
-    return "-".join(head["day"].groups()[:3]), second_of_day
 
 
 def _day_of(mjd: float) -> str:

@@ -1,6 +1,4 @@
-"""Received frequencies of STRF and Fdets files: what becomes of each field, what the study adds, what is refused."""
-
-import gzip
+"""Received frequencies of STRF files: what becomes of each field, what the study adds, what is refused."""
 
 import numpy as np
 import pytest
@@ -10,7 +8,7 @@ from radioloc.constants import C_M_S
 from radioloc.earth import StationCatalogue, geodetic_from_itrf
 from radioloc.errors import DataQualityWarning, FileFormatError, InputError
 from radioloc.io import FrequencyAgreement, read_observations, read_sites
-from radioloc.io.frequencies import read_fdets, read_strf
+from radioloc.io.frequencies import read_strf
 from radioloc.time import utc_strings
 
 BEACON_HZ, COUNT_S, SIGMA_HZ = 2.2165e9, 10.0, 0.5
@@ -26,15 +24,6 @@ READINGS = (
     "\n"
     "59902.606835\t2216497876.000\t   8.097\t8049\t9999\n"
 )
-HEAD = "# Observation conducted on 2013.12.28 at Ww rev. 2\n# Base frequency: 8412.00 MHz\n"
-FORM = "# Format : {} | Signal-to-Noise | Spectral max | Freq. detection [Hz] | Doppler noise [Hz] \n#\n"
-DETECTED_HZ = 8264011.812
-TIMES = {
-    "seconds of the day": ("Time(UTC) [s]", "34205.5"),
-    "date": ("UTC Time", "2013-12-28T09:30:05.500"),
-    "day and second": ("Modified JD | Time(UTC) [s]", "5.665400e+04 3.42055e+04"),
-    "scan and date": ("scan | UTC Time", "3 2013-12-28T09:30:05.500"),
-}
 
 
 def write(path, text):
@@ -108,47 +97,15 @@ def test_three_way_by_what_the_study_says(tmp_path):
     assert got.wavelength_um[0] == pytest.approx(1e6 * C_M_S * 749 / 880 / 7.2e9, rel=1e-15)
 
 
-@pytest.mark.parametrize("name", TIMES)
-def test_times_of_detections(name, tmp_path):
-    column, time = TIMES[name]
-    record = f"{time} 1.0e+04 5.7e+03 {DETECTED_HZ} -1.3e-02\n"
-    path = write(tmp_path / "Fdets.mex2013.12.28.Ww.r2i.txt", HEAD + FORM.format(column) + record)
-    got = read_fdets(path, [FrequencyAgreement(8420.2e6, 0.01, 5.0, target="mex")])
-    assert utc_strings(got.epoch, 3).tolist() == ["2013-12-28T09:30:05.500"]
-    assert got.paths().tolist() == ["mex>Ww"]
-    assert got.value_m[0] == pytest.approx(growth_m(8412e6 + DETECTED_HZ, 8420.2e6, count_s=5.0), abs=2e-6)
-
-
-def test_detections_of_older_and_newer_files(tmp_path):
-    older = HEAD.replace("# ", "// ").replace(" at Ww rev. 2", "").replace("//", "*", 1)
-    path = tmp_path / "Fdets.vex2013.12.28-0900-1000.Ww.complete.r2i.txt.gz"
-    path.write_bytes(gzip.compress(f"{older}// \n34205.5 1 1 {DETECTED_HZ} 0\n".encode()))
-    sent = FrequencyAgreement(8420.2e6, 0.01)
-    with pytest.raises(FileFormatError, match="lacks the integration time"):
-        read_fdets(path, [sent])
-    newer = HEAD.replace("MHz", "MHz dF: 8 Hz dT: 20.0 s")
-    path.write_text(f"{newer}#\n34205.5 1 1 {DETECTED_HZ} 0\n")
-    got = read_observations(path, frequencies=[sent])
-    assert got.count_s.tolist() == [20.0]
-    renamed = path.rename(path.with_name(path.name.replace(".Ww.", ".Ht.")))
-    with pytest.raises(FileFormatError, match="Ww in the head and Ht in the file's name"):
-        read_fdets(renamed, [sent])
-    renamed.rename(path)
-    assert got.paths().tolist() == ["lander>WARK12M"]  # a telescope of the catalogue
-    assert read_observations(
-        path, frequencies=[FrequencyAgreement(8420.2e6, 0.01, 2.0)]
-    ).count_s.tolist() == [2.0]
-
-
 def test_several_files_of_one_night(tmp_path):
     """Each file has its transmitted frequency; a reading in two files counts once."""
     first = write(tmp_path / "one.dat", READINGS)
     second = write(
         tmp_path / "two.dat", READINGS.splitlines(keepends=True)[0] + "59902.7 8459278000.5 1 4171\n"
     )
-    third = write(tmp_path / "Fdets.x2022.11.19.Ww.txt", HEAD + "#\n34205.5 1 1 0.0 0\n")
+    third = write(tmp_path / "three.txt", "59903.25\t8412000000.0\t10.0\t4171\n")
     agreements = [
-        FrequencyAgreement(8412e6, 0.1, 1.0, files="Fdets*"),
+        FrequencyAgreement(8412e6, 0.1, 1.0, files="three*"),
         FrequencyAgreement(BEACON_HZ, SIGMA_HZ, COUNT_S),
     ]
     with pytest.raises(FileFormatError, match=r"two.dat, line 2: 8459278000.5 Hz .* of 2216500000.0 Hz"):
@@ -211,17 +168,10 @@ def test_agreements_that_cannot_be(fields, problem):
         ("59902.6 2216497878.1 9.6\n", "expected one of the formats"),
         ("19902.6 2216497878.1 9.6 8049\n", "line 1: expected a year from 1972 to 2100, got the date 1913"),
         ("59902.6 2216497878.1 9.6 8049", "line 1: the last line has no line end"),
-        ("# Base frequency: 8xxx.xx MHz\n2013-12-28T09:30:05 1 1 1.0 1\n", "lacks the telescope"),
-        (HEAD.replace("8412.00", "8xxx.xx") + "1.0 1 1 1.0 1\n", "got 8xxx.xx"),
-        (HEAD + "1.0 1 1 1.0\n", "line 3: .*, got '1.0 1 1 1.0'"),
-        (HEAD + "2013-13-28T09:30:05 1 1 1.0 1\n", "line 3: .* is not a date that exists"),
-        (HEAD.replace(" conducted on 2013.12.28", "") + "1.0 1 1 1.0 1\n", "line 3: the day is missing"),
-        (HEAD, "has no readings"),
     ],
 )
 def test_files_that_are_refused(text, problem, tmp_path):
-    name = "Fdets.mex2013.12.28.Ww.txt" if "conducted" not in text and "8412" in text else "a.txt"
-    path = write(tmp_path / name, text)
+    path = write(tmp_path / "a.txt", text)
     with pytest.raises(FileFormatError, match=problem):
         read_observations(path, frequencies=[BEACON])
 

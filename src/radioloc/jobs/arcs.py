@@ -59,28 +59,30 @@ def arcs(
     if not (study.points or study.orbiters):
         raise InputError(
             f"{study.name}: an arc-length study compares positions and states, but the motion of each target is "
-            "known; use `radioloc residuals`"
+            "known_places; use `radioloc residuals`"
         )
     lengths = arc_lengths(hours, study.observations)
-    known = (() if study.reference is None else (study.reference,)) + study.references
-    whole = replace(
+    known_places = (() if study.reference is None else (study.reference,)) + study.references
+    whole_study = replace(
         study,
         observations=replace(study.observations, hours=lengths[-1]),
-        reference=known[0] if known else None,
+        reference=known_places[0] if known_places else None,
     )
-    longest, left_out = prepared_arc(whole, observations)
+    longest, left_out = prepared_arc(whole_study, observations)
     solutions = []
-    for part in arc_parts(EstimationProblem.of(whole, longest, whole.estimate), reversed(lengths)):
+    for part in arc_parts(
+        EstimationProblem.of(whole_study, longest, whole_study.estimate), reversed(lengths)
+    ):
         later = len(longest.observations) - len(part.rows)
         reasons = dict(left_out)
         if later:
             reasons["outside the time span"] = reasons.get("outside the time span", 0) + later
-        of_part = replace(whole.observations, hours=part.hours)
-        part_study = replace(whole, name=f"{study.name}, {part.hours:g} h", observations=of_part)
+        of_part = replace(whole_study.observations, hours=part.hours)
+        part_study = replace(whole_study, name=f"{study.name}, {part.hours:g} h", observations=of_part)
         solution = solve(replace(part.problem, study=part_study), reasons)
         solutions.append(Arc(part.hours, part.span_h, solution))
     constants = longest.model.ephemeris.constants
-    references = [Reference(item.position.to_axes("ME", constants), item.name) for item in known]
+    references = [Reference(item.position.to_axes("ME", constants), item.name) for item in known_places]
     return ArcStudy(study.name, tuple(solutions), tuple(references))
 
 
@@ -117,29 +119,27 @@ def leave_one_out(
     arc, left_out = prepared_arc(study, observations)
     groups = _groups(arc, study)
     if not groups:
-        raise InputError(
-            f"{study.name}: all observations are of one station or link, without which there are none; "
-            "use `radioloc locate`"
-        )
+        raise InputError(f"{study.name}: all observations are of one station or link; use `radioloc locate`")
     problem = EstimationProblem.of(study, arc, study.estimate)
-    whole = solve(problem, left_out)
-    rows = list[Omission]()
-    for (kind, name), mine in progress_bar(groups.items(), shown=progress, unit="fit"):
+    solution = solve(problem, left_out)
+    omissions = list[Omission]()
+    for (kind, name), mask in progress_bar(groups.items(), shown=progress, unit="fit"):
         logger.info("without %s", name)
-        reasons = left_out | {f"of {name}": int(mine.sum())}
-        solution = solve(problem.select(np.flatnonzero(~mine)), reasons, consistency=False)
-        rows += Omission.of(kind, name, int(mine.sum()), solution, whole)
-    return LeaveOneOut(whole, tuple(rows))
+        count = int(mask.sum())
+        part = problem.select(np.flatnonzero(~mask))
+        omitted = solve(part, left_out | {f"of {name}": count}, consistency=False)
+        omissions += Omission.of(kind, name, count, omitted, solution)
+    return LeaveOneOut(solution, tuple(omissions))
 
 
 def _groups(arc: Predictor, study: Study) -> dict[tuple[str, str], _Mask]:
-    """Which observations are of each station, and of each link that is no station's only one."""
+    """Return the masks of the observations of each station, and of each link of a station with several."""
     observations = arc.observations
     by_station = rows_by_station(observations, study.catalogue)
-    found = {("station", name): mine for name, mine in by_station.items()}
+    groups = {("station", name): mask for name, mask in by_station.items()}
     for k in np.unique(observations.link):
-        found["link", observations.links[k].path] = observations.link == k
+        groups["link", observations.links[k].path] = observations.link == k
     distinct: dict[bytes, tuple[str, str]] = {}
-    for key, mine in found.items():
-        distinct.setdefault(mine.tobytes(), key)
-    return {key: found[key] for key in distinct.values() if not found[key].all()}
+    for key, mask in groups.items():
+        distinct.setdefault(mask.tobytes(), key)
+    return {key: groups[key] for key in distinct.values() if not groups[key].all()}

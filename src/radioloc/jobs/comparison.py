@@ -219,7 +219,7 @@ def _distinct_names(solutions: Sequence[RecordedSolution]) -> list[str]:
     ]
     if len(set(names)) < len(names):
         name, _ = Counter(names).most_common(1)[0]
-        places = [item.where for item, other in zip(solutions, names, strict=True) if other == name]
+        places = [item.where for item, label in zip(solutions, names, strict=True) if label == name]
         raise InputError(
             f"{' and '.join(places[:2])}: expected solutions of different names, got {name!r} twice; "
             "rename their studies"

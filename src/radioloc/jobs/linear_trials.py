@@ -18,7 +18,7 @@ from radioloc.estimation.series import SeriesOrder
 from radioloc.estimation.time_correlation import estimated_covariance
 from radioloc.estimation.variance_components import fit_with_variance_components
 from radioloc.jobs.problem import with_weights
-from radioloc.jobs.verdict import WIDEST_M, misfits
+from radioloc.jobs.verdict import MAX_POSITION_SIGMA_M, misfits
 from radioloc.labels import Labels
 from radioloc.noise import ObservationCovariance
 from radioloc.parameters.parameter import ParameterSet
@@ -145,7 +145,7 @@ class LinearTrials:
             considered_m = by @ moved + compared.by_considered
             covariances_m2 = by @ covariance @ np.swapaxes(by, 1, 2) + compared.added_m2
             covariances_m2 += considered_m @ np.swapaxes(considered_m, 1, 2)
-            determined &= bool(np.trace(covariances_m2[0, :3, :3]) <= WIDEST_M**2)
+            determined &= bool(np.trace(covariances_m2[0, :3, :3]) <= MAX_POSITION_SIGMA_M**2)
             results.append((moved_m - compared.offset_m - compared.by_drawn @ errors, covariances_m2))
         outcome = (found.converged and not doubts and determined, fit.used.sum(), (~fit.used).sum())
         parameters = {p.name: (x[j], sigmas[j]) for j, p in enumerate(arc.parameters.parameters[:count])}

@@ -30,7 +30,7 @@ from radioloc.jobs.problem import EstimationProblem, GravityErrorOrbits, orbit_s
 from radioloc.jobs.station_doubts import coordinate_doubts
 from radioloc.jobs.stochastic import StochasticProblem
 from radioloc.jobs.usability import usability
-from radioloc.jobs.verdict import mark_if_unobservable, misfits, search_that_helps
+from radioloc.jobs.verdict import mark_if_unobservable, misfits, search_hints
 from radioloc.labels import USED, Labels
 from radioloc.lunar import rot_pa_to_me
 from radioloc.measurements.observations import Observations
@@ -250,7 +250,7 @@ def _completed(fitted: _Fitted, solution: Solution, left_out: dict[str, int]) ->
     notes += problem.considered.notes
     if estimate is not None:
         moved_m = np.linalg.norm(positions_pa_m(fitted.motions) - positions_pa_m(problem.start), axis=-1)
-        notes += search_that_helps(study, solution, float(moved_m.max()))
+        notes += search_hints(study, solution, float(moved_m.max()))
     return replace(
         solution,
         states={model.targets[k].name: state for k, state in states.items()},

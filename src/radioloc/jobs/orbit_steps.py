@@ -47,7 +47,7 @@ def fitted_state(
 ) -> tuple[Floats, float]:
     """Return parameters after robust steps, each within `sigmas`, and the scale of the residuals in sigmas."""
     sigma_m = part.sigma_m
-    best, least, spread = x, math.inf, math.inf
+    best, min_loss, spread = x, math.inf, math.inf
     shrink = 1.0
     step = np.zeros(len(x))
     for _ in range(steps):
@@ -62,12 +62,12 @@ def fitted_state(
             spread_here = max(1.0, robust_scale(ratio, len(free)))
             # Without the largest, of which a single one could hide the gain in all others.
             loss = float(np.sort(np.abs(ratio))[: math.ceil(_COUNTED_FRACTION * len(ratio))].mean())
-        if loss > least:
+        if loss > min_loss:
             # Too far: return and take a shorter step.
             shrink *= 0.3
             x = _moved(best, shrink * step)
             continue
-        gain, best, least, spread = least - loss, x, loss, spread_here
+        gain, best, min_loss, spread = min_loss - loss, x, loss, spread_here
         if gain < _MIN_GAIN * loss and shrink == 1.0:
             break
         shrink = 1.0

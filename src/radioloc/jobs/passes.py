@@ -87,8 +87,8 @@ def visibility(
     names, first, last = scene.stations, scene.start_utc, scene.stop_utc
     several = len(scene.targets) > 1
     passes = [
-        _pass(model, target, name, window, which if several else "")
-        for which, target in scene.targets.items()
+        _pass(model, target, name, window, target_name if several else "")
+        for target_name, target in scene.targets.items()
         for name in dict.fromkeys(names)
         for window in windows(model, target, [name], first, last, masks)
     ]

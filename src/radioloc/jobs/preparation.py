@@ -117,9 +117,11 @@ def _require_tracked(study: Study, arc: Predictor) -> None:
 
 def known_positions(study: Study, constants: EphemerisConstants) -> list[tuple[str, NDArray[np.float64]]]:
     """Return names and positions, principal axes, m, of known places, that of ``[reference]`` first."""
-    given = [] if study.reference is None else [("[reference]", study.reference)]
-    given += [(f"[references] {one.name}", one) for one in study.references if one is not study.reference]
-    return [(one.name, position_in_pa(table, one.position, constants).xyz_m) for table, one in given]
+    tables = [] if study.reference is None else [("[reference]", study.reference)]
+    tables += [
+        (f"[references] {item.name}", item) for item in study.references if item is not study.reference
+    ]
+    return [(item.name, position_in_pa(table, item.position, constants).xyz_m) for table, item in tables]
 
 
 def model_of(study: Study) -> PhysicalModel:
@@ -178,9 +180,9 @@ def chosen_observations(
     )
     spacecraft_doubts(study, chosen, model)  # identifiers that contradict each other are refused before a fit
     for key in ("vlbi_station_sigma_m", "vlbi_station_rate_sigma_m", "doppler_phase_sigma_m"):
-        given = getattr(study.observations, key)
-        if isinstance(given, Mapping):
-            require_stations(chosen, key, given, study.catalogue)
+        sigma = getattr(study.observations, key)
+        if isinstance(sigma, Mapping):
+            require_stations(chosen, key, sigma, study.catalogue)
     weighted = weighted_observations(chosen, study.observations.weights, study.catalogue)
     return with_uplinks(weighted, study.observations.uplinks, study.catalogue), left_out
 
@@ -214,16 +216,16 @@ def _arc(
     motions = (*points, *(_spacecraft(study, name, model, observations, orbits) for name in _flying(study)))
     start = tuple(map(_coarse, motions))
     kinds = (*study.estimate.parameters, *study.consider)
-    more = study.consider_defaults or any(PARAMETERS[kind].more_partials for kind in kinds)
+    more_partials = study.consider_defaults or any(PARAMETERS[kind].more_partials for kind in kinds)
     try:
         if len(rows := np.flatnonzero(~np.isnan(observations.modulus_m))):
             ambiguous = ExactPredictor(model, observations.select(rows), start, names)
             expected_m = np.full(len(observations), np.nan)
             expected_m[rows] = ambiguous.compute().value_m
             observations = without_ambiguity(observations, expected_m)
-        arc = prepare_predictor(model, observations, start, study.model.evaluation, names, more)
+        arc = prepare_predictor(model, observations, start, study.model.evaluation, names, more_partials)
     except CoverageError:
-        # The kernel or table does not know the files: say which observation lies outside, the first or the last.
+        # A kernel or table does not name the files: find which observation lies outside, the first or the last.
         order = np.lexsort((observations.epoch.fraction, observations.epoch.jd))
         for row in (int(order[0]), int(order[-1])):
             try:

@@ -40,13 +40,13 @@ def select_observations(
     name: str | None = None,
 ) -> tuple[Observations, dict[str, int]]:
     """Return the selected observations of a study, in input order, and the number of others by reason."""
-    kept, left_out = selected(observations, choice, catalogue, positions, sources, name)
+    mask, left_out = selected(observations, choice, catalogue, positions, sources, name)
     # Tables are not written to, so a complete one need not be copied.
-    chosen = observations.select(kept) if left_out else observations
+    chosen = observations.select(mask) if left_out else observations
     if choice.doppler_average_s is not None:
-        chosen, over = with_averaged_counts(chosen, choice.doppler_average_s)
-        if over:
-            left_out[f"left over from averages of Doppler over {choice.doppler_average_s:g} s"] = over
+        chosen, remainder = with_averaged_counts(chosen, choice.doppler_average_s)
+        if remainder:
+            left_out[f"left over from averages of Doppler over {choice.doppler_average_s:g} s"] = remainder
         if not len(chosen):
             raise InputError(
                 f"[observations] doppler_average_s: expected a length that counts without gaps reach, got "
@@ -89,26 +89,26 @@ def selected(
 ) -> tuple[NDArray[np.bool_], dict[str, int]]:
     """Return the mask of the selected observations, shape (n,), and the number of others by reason."""
     left_out: dict[str, int] = {}
-    kept = np.ones(len(observations), dtype=bool)
+    is_kept = np.ones(len(observations), dtype=bool)
 
     def keep(mask: NDArray[np.bool_], reason: str) -> None:
-        nonlocal kept
-        count = int((kept & ~mask).sum())
+        nonlocal is_kept
+        count = int((is_kept & ~mask).sum())
         if count:
             left_out[reason] = count
-        kept = kept & mask
+        is_kept = is_kept & mask
 
     keep(_of_targets(observations, choice.targets, positions, sources, name), "other target")
     keep(_of_stations(observations, choice.stations, catalogue), "other station")
     keep(_of_types(observations, choice.types), "other type")
     if len(observations):
-        keep(_within_time(observations, kept, choice), "outside the time span")
-    if not kept.any():
-        why = "; ".join(f"{count} {reason}" for reason, count in left_out.items()) or "the files hold none"
+        keep(_within_time(observations, is_kept, choice), "outside the time span")
+    if not is_kept.any():
+        counts = "; ".join(f"{count} {reason}" for reason, count in left_out.items()) or "the files hold none"
         raise InputError(
-            f"no observations left ({why}); change targets, stations, types, start, stop or hours"
+            f"no observations left ({counts}); change targets, stations, types, start, stop or hours"
         )
-    return kept, left_out
+    return is_kept, left_out
 
 
 def _of_targets(
@@ -132,31 +132,31 @@ def _of_targets(
                 f'one, [target] name = "{present[0]}", or give the position of each as [targets.NAME]; {_QUASAR_HINT}'
             )
         return np.ones(len(observations), dtype=bool)
-    wanted = {canonical_target(name) for name in targets} if targets is not None else set(named)
+    chosen = {canonical_target(name) for name in targets} if targets is not None else set(named)
     key = "[targets]" if targets is None else "[observations] targets"
-    missing = sorted(wanted - set(present))
+    missing = sorted(chosen - set(present))
     if missing:
         raise InputError(
             f"{key}: no observation of {', '.join(missing)}; the files have {', '.join(present) or 'none'}"
         )
-    if named and not wanted <= set(named):
+    if named and not chosen <= set(named):
         raise InputError(
-            f"{key}: there is no position of {', '.join(sorted(wanted - set(named)))}; give it as [targets.NAME], "
-            f"beside {', '.join(named)}; {_QUASAR_HINT}"
+            f"{key}: expected targets with positions, got {', '.join(sorted(chosen - set(named)))}; give it "
+            f"as [targets.NAME], beside {', '.join(named)}; {_QUASAR_HINT}"
         )
-    if not named and len(wanted) > 1:
+    if not named and len(chosen) > 1:
         raise InputError(
-            f"{key}: the study gives one position, but several targets are named: {', '.join(sorted(wanted))}; "
+            f"{key}: the study gives one position, but several targets are named: {', '.join(sorted(chosen))}; "
             "name one, or give the position of each as [targets.NAME]"
         )
-    return np.array([names <= wanted for names in of_link], dtype=bool)[observations.link]
+    return np.array([names <= chosen for names in of_link], dtype=bool)[observations.link]
 
 
 def _of_types(observations: Observations, types: tuple[str, ...] | None) -> NDArray[np.bool_]:
     if types is None:
         return np.ones(len(observations), dtype=bool)
     if unknown := [name for name in types if name not in KINDS]:
-        raise InputError(f"[observations] types: there is no {unknown[0]!r}; there are {', '.join(KINDS)}")
+        raise InputError(f"[observations] types: expected {', '.join(KINDS)}, got {unknown[0]!r}")
     return np.isin(observations.kind, [KINDS.index(name) for name in types])
 
 
@@ -168,25 +168,25 @@ def _of_stations(
     with error_context("[observations] stations:"):
         members = {name: {station.name for station in catalogue.members(name)} for name in stations}
     ends = ends_of(observations.links, catalogue)
-    present, wanted = set[str]().union(*ends), set[str]().union(*members.values())
+    present, chosen = set[str]().union(*ends), set[str]().union(*members.values())
     if missing := sorted(name for name, names in members.items() if not names & present):
         raise InputError(
             f"[observations] stations: no observation by {', '.join(missing)}; "
             f"the files have {', '.join(sorted(present))}"
         )
-    return np.array([names <= wanted for names in ends], dtype=bool)[observations.link]
+    return np.array([names <= chosen for names in ends], dtype=bool)[observations.link]
 
 
 def _within_time(
-    observations: Observations, kept: NDArray[np.bool_], choice: ObservationChoice
+    observations: Observations, selected_rows: NDArray[np.bool_], choice: ObservationChoice
 ) -> NDArray[np.bool_]:
     mask = np.ones(len(observations), dtype=bool)
     if choice.stop is not None:
         since_stop_s = utc_to_tai(observations.epoch).seconds_since(utc_to_tai(choice.stop))
         mask = since_stop_s <= EPOCH_ROUNDING_S
-    if choice.start is None and (choice.hours is None or not (kept & mask).any()):
+    if choice.start is None and (choice.hours is None or not (selected_rows & mask).any()):
         return mask
-    since_s = since_start_s(observations, choice, kept & mask)
+    since_s = since_start_s(observations, choice, selected_rows & mask)
     mask &= since_s >= -EPOCH_ROUNDING_S
     if choice.hours is not None:
         mask &= since_s <= 3600.0 * choice.hours + EPOCH_ROUNDING_S
@@ -194,13 +194,13 @@ def _within_time(
 
 
 def since_start_s(
-    observations: Observations, choice: ObservationChoice, kept: NDArray[np.bool_] | None = None
+    observations: Observations, choice: ObservationChoice, selected_rows: NDArray[np.bool_] | None = None
 ) -> NDArray[np.float64]:
-    """Return the time since the study's start, or else since the first observation, of those kept, s."""
+    """Return the time since the study's start, or else since the first observation, of the selected ones, s."""
     epoch = utc_to_tai(observations.epoch)
     if choice.start is not None:
         return epoch.seconds_since(utc_to_tai(choice.start))
-    candidates = epoch if kept is None else epoch[kept]
+    candidates = epoch if selected_rows is None else epoch[selected_rows]
     return epoch.seconds_since(candidates[int(np.lexsort((candidates.fraction, candidates.jd))[0])])
 
 

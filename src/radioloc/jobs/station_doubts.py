@@ -34,16 +34,16 @@ def coordinate_doubts(arc: Predictor, motions: Motions, used: NDArray[np.bool_],
             continue
         rows = rows[np.unique(np.linspace(0, len(rows) - 1, _SAMPLE_ROWS).astype(int))]
         given_m = _rms_m(arc, motions, rows, station)
-        others = {
+        rms_by_mistake_m = {
             mistake: _rms_m(arc, motions, rows, station, itrf_m)
             for mistake, itrf_m in reordered_coordinates(station.itrf_m).items()
         }
-        mistake, rms_m = min(others.items(), key=lambda item: item[1])
+        mistake, rms_m = min(rms_by_mistake_m.items(), key=lambda item: item[1])
         if rms_m < min(given_m / _MIN_IMPROVEMENT, _MAX_RMS_M):
-            now = "it does not see the target" if np.isinf(given_m) else f"{1e-3 * given_m:.0f} km"
+            stated = "it does not see the target" if np.isinf(given_m) else f"{1e-3 * given_m:.0f} km"
             yield (
                 f"WARNING: with {mistake}, observations of {name} fit an a-priori position to {1e-3 * rms_m:.3g} km "
-                f"(as given: {now}): check itrf_m of [stations.{name}]"
+                f"(as given: {stated}): check itrf_m of [stations.{name}]"
             )
 
 
@@ -56,11 +56,11 @@ def _rms_m(
 ) -> float:
     """Return the rms of residuals with other coordinates of a station; infinite if it does not see the target."""
     try:
-        other = station if itrf_m is None else replace(station, itrf_m=itrf_m)
+        changed = station if itrf_m is None else replace(station, itrf_m=itrf_m)
     except StationError:
         return np.inf
-    kept = [item for item in arc.model.catalogue if item.name != station.name]
-    model = replace(arc.model, catalogue=StationCatalogue([*kept, other]))
+    stations = [item for item in arc.model.catalogue if item.name != station.name]
+    model = replace(arc.model, catalogue=StationCatalogue([*stations, changed]))
     some = arc.observations.select(rows)
     computed = prepare_predictor(model, some, motions, "exact", arc.targets).compute()
     if not computed.usable.any():

@@ -74,13 +74,13 @@ def _phase_noise(arc: Predictor, choice: ObservationChoice) -> Iterator[DopplerP
 
 
 def _ends_m(
-    arc: Predictor, key: str, given: float | Mapping[str, float], rows: NDArray[np.intp]
+    arc: Predictor, key: str, sigma: float | Mapping[str, float], rows: NDArray[np.intp]
 ) -> NDArray[np.float64]:
     """Error of the first and of the second station of some observations, shape (n, 2)."""
-    if not isinstance(given, Mapping):
-        return np.full((len(rows), 2), given)
+    if not isinstance(sigma, Mapping):
+        return np.full((len(rows), 2), sigma)
     with error_context(f"[observations] {key}:"):
-        sigma_m = {arc.model.catalogue.get(name).name: sigma for name, sigma in given.items()}
+        sigma_m = {arc.model.catalogue.get(name).name: sigma for name, sigma in sigma.items()}
     of_station_m = np.array([sigma_m.get(name, 0.0) for name in arc.stations])
     return of_station_m[np.stack([arc.transmitters[rows], arc.receivers[rows]], axis=-1)]
 
@@ -94,7 +94,7 @@ def same_epoch(epoch: Epochs) -> NDArray[np.intp]:
     np.minimum.at(first_s, number, elapsed_s)
     if (elapsed_s - first_s[number]).max() > SAME_EPOCH_S:
         raise InputError(
-            "VLBI delays or their rates follow each other too fast to tell which share an epoch: [observations] "
-            "vlbi_station_sigma_m needs epochs 0.1 s apart or more, and so does vlbi_station_rate_sigma_m"
+            "VLBI delays or their rates are closer than 0.1 s, so that those of one epoch cannot be found; leave "
+            "[observations] vlbi_station_sigma_m and vlbi_station_rate_sigma_m out"
         )
     return number

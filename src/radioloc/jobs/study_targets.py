@@ -75,9 +75,9 @@ def surface_points(
         _place(model, place.xyz_m, choice, prior, f"position.{name}" if several else "position")
         for (name, place), prior in zip(places_pa.items(), priors, strict=True)
     ]
-    made = with_position_priors(parameters, priors, model.ephemeris.constants)
+    positions = with_position_priors(parameters, priors, model.ephemeris.constants)
     return [
-        SurfacePoint(name, *made[k], preceding=3 * k, apriori_pa_m=place.xyz_m)
+        SurfacePoint(name, *positions[k], preceding=3 * k, apriori_pa_m=place.xyz_m)
         for k, (name, place) in enumerate(places_pa.items())
     ]
 
@@ -91,12 +91,12 @@ def _flying(
     prior: PositionPrior | None,
 ) -> TargetOrbit | Descent:
     """Return the target on an orbit, or one that ends on the ground, whose place has a name beside other places."""
-    given, estimated = choice.orbit or OrbitChoice(), choice.orbit is not None
+    orbit_choice, estimated = choice.orbit or OrbitChoice(), choice.orbit is not None
     errors = GravityErrors(orbiter.gravity_errors, orbiter.gravity_error_degree)
     if orbiter.landing is None or orbit.touchdown is None:
-        sigmas = given.sigmas(orbit.forces) if estimated else {}
-        made = orbit_parameters(orbit, sigmas, estimated, given.state, given.form)
-        return TargetOrbit("", *made, orbit, errors, orbiter.body, given.process_noise)
+        sigmas = orbit_choice.sigmas(orbit.forces) if estimated else {}
+        parameters = orbit_parameters(orbit, sigmas, estimated, orbit_choice.state, orbit_choice.form)
+        return TargetOrbit("", *parameters, orbit, errors, orbiter.body, orbit_choice.process_noise)
     ground, place = Ground(model, orbit.touchdown), orbiter.landing.place
     start_pa_m = ground.place_pa_m(orbit.state)
     if place is not None and estimated:
@@ -104,9 +104,9 @@ def _flying(
     parameter_name = f"position.{place_name}" if place_name else "position"
     place_parameters = _place(model, start_pa_m, choice, prior, parameter_name)
     [position] = with_position_priors([place_parameters], [prior], model.ephemeris.constants)
-    parameters = orbit_parameters(orbit, given.sigmas(orbit.forces), estimated=True)[0]
-    forces = [item for item in parameters if item.kind == "force"]
-    of_touchdown, axes = touchdown_parameters(ground, position, forces, given.touchdown_sigma_m_s)
+    of_orbit = orbit_parameters(orbit, orbit_choice.sigmas(orbit.forces), estimated=True)[0]
+    forces = [item for item in of_orbit if item.kind == "force"]
+    of_touchdown, axes = touchdown_parameters(ground, position, forces, orbit_choice.touchdown_sigma_m_s)
     descent = Descent("", of_touchdown, position[1], orbit, ground, axes, errors, orbiter.body, orbiter.epoch)
     return descent if estimated else descent.held()
 
@@ -115,7 +115,7 @@ def _prior(choice: EstimateChoice, target: str) -> PositionPrior | None:
     """A-priori position of a target that is estimated in geographic coordinates."""
     if choice.position != "geographic":
         return None
-    return next((one for one in choice.position_priors if one.target == target), None)
+    return next((prior for prior in choice.position_priors if prior.target == target), None)
 
 
 def _place(

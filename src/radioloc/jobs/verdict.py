@@ -23,49 +23,49 @@ from radioloc.results.solution import Solution
 from radioloc.study.study import Study
 from radioloc.targets.doubts import Doubt
 
-LARGEST_MISFIT = 20.0
-"""Residuals in stated sigmas that errors of the model no longer explain: laser ranges ask for 5 with DE421, radio
-ranges for 10 where the troposphere is not modelled at all."""
-_MODEL_M = 0.01
-"""Accuracy of modelled ranges and delays: a stated sigma below it, as of laser ranges, counts as this much. What is
-common to both ends of a count interval cancels in Doppler, which has no such floor."""
-WIDEST_M = 0.1 * MEAN_LUNAR_RADIUS_M
-"""Sigma of a position beyond which an error ellipse is none: the ground bends away from it by 9 km."""
-NEAR_HOME_M = 1e5
-"""Distance of an estimate from the a-priori position up to which any start ends at the same place."""
+MAX_MISFIT_RATIO = 20.0
+"""Largest ratio of residuals to stated sigmas that errors of the model explain: 5 for laser ranges with DE421, 10 for
+radio ranges without any model of the troposphere."""
+_MIN_SIGMA_M = 0.01
+"""Accuracy of modelled ranges and delays, to which smaller stated sigmas, as of laser ranges, are raised. Doppler has
+no such floor, as errors common to both ends of a count interval cancel."""
+MAX_POSITION_SIGMA_M = 0.1 * MEAN_LUNAR_RADIUS_M
+"""Largest sigma of a position with a meaningful error ellipse: the ground bends away from it by 9 km."""
+MAX_START_DISTANCE_M = 1e5
+"""Largest distance of an estimate from the a-priori position within which all starts end at one place."""
 
 
 def misfits(edited: EditedFit, stated_m: NDArray[np.float64], types: Labels) -> Iterator[Doubt]:
-    """Types whose used residuals are far beyond their stated sigmas (n,), or which are mostly outliers."""
+    """Doubt types with used residuals far beyond their stated sigmas (n,), or with more outliers than used values."""
     fit = edited.fit
     usable = edited.given.are(USED)
     free_part = part_of_parameters(fit)
     beyond, floored = [], ""
     for name in types.present():
-        mine = fit.used & types.are(name)
-        count, outliers = int(mine.sum()), int((usable & types.are(name)).sum() - mine.sum())
+        rows = fit.used & types.are(name)
+        count, outliers = int(rows.sum()), int((usable & types.are(name)).sum() - rows.sum())
         if outliers > count:
             yield Doubt(
                 FitStatus.MISFIT,
-                f"{outliers} of {count + outliers} {name} observations are left out as outliers, more than half: the "
-                "others do not prove them wrong; look for a wrong station, target or sign",
+                f"{outliers} of {count + outliers} {name} observations are left out as outliers, more than half; "
+                "look for a wrong station, target or sign",
             )
         dof = count * (1.0 - free_part)
         if dof < 0.5:  # without redundancy it is zero but for rounding
             continue
-        floor_m = 0.0 if is_integrated(np.array(KINDS.index(name))) else _MODEL_M
-        residual_m, sigma_m = fit.residual_m[mine], np.maximum(stated_m[mine], floor_m)
+        floor_m = 0.0 if is_integrated(np.array(KINDS.index(name))) else _MIN_SIGMA_M
+        residual_m, sigma_m = fit.residual_m[rows], np.maximum(stated_m[rows], floor_m)
         ratio = math.sqrt(float(np.square(residual_m / sigma_m).sum()) / dof)
-        if ratio > LARGEST_MISFIT:
+        if ratio > MAX_MISFIT_RATIO:
             rms_m = math.sqrt(float(np.square(residual_m).mean()))
             beyond.append(f"of {name} {ratio:.4g} times ({rms_m:.3g} m rms)")
-            if stated_m[mine].min() < floor_m:
+            if stated_m[rows].min() < floor_m:
                 floored = f", those below {floor_m:g} m taken as {floor_m:g} m"
     if beyond:
         yield Doubt(
             FitStatus.MISFIT,
             f"the residuals are far beyond their stated sigmas{floored}: {', '.join(beyond)}; no model error explains "
-            f"more than {LARGEST_MISFIT:g} times: look for a wrong station, target (an orbiter needs a trajectory or "
+            f"more than {MAX_MISFIT_RATIO:g} times: look for a wrong station, target (an orbiter needs a trajectory or "
             "dynamics) or sign, for outliers among few observations, a term switched off, or a "
             "considered parameter to estimate",
         )
@@ -82,22 +82,22 @@ def mark_if_unobservable(solution: Solution) -> Solution:
     if solution.status not in ended or solution.trajectory is not None or not solution.position_estimated:
         return solution
     several = [solution.of_target(target.name) for target in solution.targets] or [solution]
-    sigma_m = max(float(np.linalg.norm(one.sigma_enu_m())) for one in several)
-    if not sigma_m > WIDEST_M:
+    sigma_m = max(float(np.linalg.norm(position.sigma_enu_m())) for position in several)
+    if not sigma_m > MAX_POSITION_SIGMA_M:
         return solution
     reason = (
         f"the sigma of the position is {1e-3 * sigma_m:.0f} km, more than a tenth of the lunar radius: the "
-        "observations do not tell where on the Moon; add ranges, VLBI delays, an a-priori height, more stations or a "
+        "observations do not determine the position; add ranges, VLBI delays, an a-priori height, more stations or a "
         "longer arc"
     )
-    # A height that says nothing needs no word of its own.
-    also = "" if solution.status is FitStatus.OFF_THE_MOON else solution.message
+    # With such a sigma, a height is no further reason.
+    message = "" if solution.status is FitStatus.OFF_THE_MOON else solution.message
     return replace(
-        solution, status=FitStatus.UNOBSERVABLE, message="; ".join(text for text in (reason, also) if text)
+        solution, status=FitStatus.UNOBSERVABLE, message="; ".join(text for text in (reason, message) if text)
     )
 
 
-def search_that_helps(study: Study, solution: Solution, away_m: float) -> Iterator[str]:
+def search_hints(study: Study, solution: Solution, away_m: float) -> Iterator[str]:
     """Name the search that helps where an estimate cannot be used, or is far from the a-priori positions."""
     command = f"`radioloc search {study.path or 'STUDY.toml'}`"
     if study.orbiter is not None:
@@ -106,7 +106,7 @@ def search_that_helps(study: Study, solution: Solution, away_m: float) -> Iterat
     elif (
         solution.trajectory is None
         and solution.position_estimated
-        and (not solution.converged or away_m > NEAR_HOME_M)
+        and (not solution.converged or away_m > MAX_START_DISTANCE_M)
     ):
         yield (
             f"the fit ended {away_m / 1e3:.3g} km from the a-priori position: {command} looks for a better one "

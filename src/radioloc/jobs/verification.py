@@ -52,7 +52,7 @@ class Verification(Result):
 
     @property
     def same(self) -> bool:
-        """Whether all values agree."""
+        """True if all values agree."""
         return not self.differences
 
     is_usable = same
@@ -98,7 +98,7 @@ def verify(path: str | Path, study: str | Path | None = None) -> Verification:
     require_type("path", path, str, Path)
     require_type("study", study, str, Path, type(None))
     recorded = _recorded(Path(path))
-    repeated = _again(Path(path), recorded["provenance"], study)
+    repeated = _repeated(Path(path), recorded["provenance"], study)
     provenance = recorded["provenance"]
     environment = [
         Difference(name, provenance.get(name), value)
@@ -129,7 +129,7 @@ def _recorded(path: Path) -> Mapping[str, Any]:
     return content
 
 
-def _again(path: Path, recorded: Mapping[str, Any], file: str | Path | None) -> dict[str, Any]:
+def _repeated(path: Path, recorded: Mapping[str, Any], file: str | Path | None) -> dict[str, Any]:
     """Return the repeated solution as a dictionary; missing or changed input files are errors."""
     origin = recorded["study"]
     study_file = Path(origin["file"] if file is None else file)
@@ -159,12 +159,12 @@ def _require_unchanged(problem: str, recorded: Mapping[str, Any], origin: Mappin
     old_files, new_files = (
         Counter((item["file"], item["sha256"]) for item in study["inputs"]) for study in (recorded, origin)
     )
-    gone, new = (
+    missing, new = (
         sorted({name for name, _ in files}) for files in (old_files - new_files, new_files - old_files)
     )
-    if gone or new:
-        changes = [f"{name} {'has another content' if name in new else 'is missing'}" for name in gone]
-        changes += [f"{name} is new" for name in new if name not in gone]
+    if missing or new:
+        changes = [f"{name} {'has another content' if name in new else 'is missing'}" for name in missing]
+        changes += [f"{name} is new" for name in new if name not in missing]
         raise InputError(f"{problem}: {', '.join(changes)}")
     settings = recorded.get("settings", {}).items()
     if changed := [key for key, digest in settings if origin["settings"].get(key) != digest]:

@@ -22,7 +22,7 @@ from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.estimation.robust import huber
 from radioloc.jobs.problem import observation_model
 from radioloc.jobs.study_targets import surface_points
-from radioloc.jobs.verdict import NEAR_HOME_M
+from radioloc.jobs.verdict import MAX_START_DISTANCE_M
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.evaluation import prepare_predictor
 from radioloc.measurements.link import canonical_target
@@ -103,7 +103,7 @@ def _near_position(
         misfit = linearized(place_m, prepared=False)
     loss, place_m = min(trials, key=lambda trial: trial[0])
     away_m = float(np.linalg.norm(place_m - apriori_m))
-    if away_m <= NEAR_HOME_M or loss > _MAX_LOSS_RATIO * trials[0][0]:
+    if away_m <= MAX_START_DISTANCE_M or loss > _MAX_LOSS_RATIO * trials[0][0]:
         return None
     return LunarPosition(target_pa.frame, place_m), away_m
 

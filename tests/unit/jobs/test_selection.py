@@ -100,7 +100,7 @@ def test_targets_with_positions_are_kept():
     assert kept(ObservationChoice(targets="AP11"), **both) == ([3], {"other target": 5})
     with pytest.raises(InputError, match=r"\[targets\]: no observation of luna17; the files have apollo11"):
         kept(ObservationChoice(), positions=["luna17"])
-    with pytest.raises(InputError, match=r"no position of apollo15; give it as .*: \[model\] sources"):
+    with pytest.raises(InputError, match=r"targets with positions, got apollo15; .*: \[model\] sources"):
         kept(ObservationChoice(targets="apollo15"), positions=["apollo11"])
 
 

@@ -267,7 +267,7 @@ class MonteCarlo(Result):
                 {"hours": hours, "converged": 0} if arc is None else asdict(arc)
                 for hours, arc in zip(self.hours, self.arcs, strict=True)
             ],
-            **({"others": [other.to_dict() for other in self.others]} if self.others else {}),
+            **({"others": [study.to_dict() for study in self.others]} if self.others else {}),
         }
 
     def columns_of_trials(self) -> dict[str, NDArray[Any]]:
@@ -295,8 +295,12 @@ class MonteCarlo(Result):
 
     def files(self) -> Mapping[str, Content]:
         """Return the statistics, and for each target a table with a row for each trial and arc."""
-        others = {f"trials_{k}.csv": Table(one.columns_of_trials()) for k, one in enumerate(self.others, 2)}
-        return {"montecarlo.json": self.to_dict(), "trials.csv": Table(self.columns_of_trials()), **others}
+        targets = (self, *self.others)
+        tables = {
+            f"trials{f'_{k}' if k > 1 else ''}.csv": Table(study.columns_of_trials())
+            for k, study in enumerate(targets, 1)
+        }
+        return {"montecarlo.json": self.to_dict(), **tables}
 
     def card(self) -> Card:
         """Return the card of the study."""
@@ -309,7 +313,7 @@ class MonteCarlo(Result):
                 Field("axes", (_ORBIT_AXES,) if self.at_h else ()),
                 *(_tables(arcs) if arcs else ()),
                 Field("notes", (note for arc in arcs for note in _notes(arc))),
-                *(field for other in self.others for field in other.card().fields),
+                *(field for study in self.others for field in study.card().fields),
             )
         )
 

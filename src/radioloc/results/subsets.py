@@ -602,15 +602,15 @@ class LeaveOneOut(Result):
 
     def _notes(self) -> Iterator[str]:
         for row in self.omissions:
-            what = f"{row.quantity}{f' of {row.target}' if row.target else ''}"
+            quantity = f"{row.quantity}{f' of {row.target}' if row.target else ''}"
             limit = _MAX_CHANCE_SIGMAS[6 if row.quantity == "state" else 3]
             if row.shift_m is None:
-                yield f"without {self._label(row)} the {what} is not determined"
+                yield f"without {self._label(row)} the {quantity} is not determined"
             elif not row.converged:
                 yield f"without {self._label(row)} the fit does not converge"
             elif row.sigmas is not None and row.sigmas > limit:
                 yield (
-                    f"without {self._label(row)} the {what} moves by {math.hypot(*row.shift_m):.3g} m, "
+                    f"without {self._label(row)} the {quantity} moves by {math.hypot(*row.shift_m):.3g} m, "
                     f"{row.sigmas:.1f} sigmas of that shift (99.9 % are below {limit}): its "
                     "observations are inconsistent with the others, or the sigmas are too small"
                 )

@@ -31,12 +31,12 @@ def scene(tmp_path_factory):
     return several_targets.scene(tmp_path_factory.mktemp("scene"))
 
 
-def estimating(scene, names, **more):
+def estimating(scene, names, **fields):
     """Return a study in which something is estimated: of a known trajectory the biases of ranges."""
     estimate = scene.study(*names).estimate
     if names == ("known",):
         estimate = replace(estimate, parameters={"range_bias": ParameterChoice("all")})
-    return scene.study(*names, estimate=estimate, **more)
+    return scene.study(*names, estimate=estimate, **fields)
 
 
 def simulated(scene, names):
@@ -85,9 +85,9 @@ def leave_one_out(scene, names):
 
 
 def simulate(scene, names):
-    made = radioloc.simulate(simulated(scene, names))
-    assert {target for link in made.observations.links for target in link.targets} == {*names}
-    assert np.isfinite(made.observations.value_m).all()
+    simulated_data = radioloc.simulate(simulated(scene, names))
+    assert {target for link in simulated_data.observations.links for target in link.targets} == {*names}
+    assert np.isfinite(simulated_data.observations.value_m).all()
 
 
 def compare(scene, names):

@@ -18,7 +18,7 @@ def scene(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def together(scene):
+def joint(scene):
     return radioloc.locate(scene.study(*ALL), scene.observations)
 
 
@@ -32,25 +32,25 @@ def test_two_spacecraft_have_states_and_forces_of_their_own(scene):
         assert error @ np.linalg.solve(covariance, error) < 22.5  # 0.1 % of six
 
 
-def test_six_targets_without_common_errors_are_as_each_by_itself(scene, together):
-    assert together.converged, together.message
+def test_six_targets_without_common_errors_are_as_each_by_itself(scene, joint):
+    assert joint.converged, joint.message
     for names in (("lander",), ("craft",), ("descent",)):
-        alone = radioloc.locate(scene.study(*names), scene.observations)
+        single = radioloc.locate(scene.study(*names), scene.observations)
         [name] = names
-        for item, value, sigma in zip(alone.parameters, alone.values, alone.sigmas(), strict=True):
-            kind, _, rest = item.name.partition(".")
-            k = together.parameters.index(f"{kind}.{name}.{rest}")
-            assert abs(together.values[k] - value) < 0.01 * sigma, item.name
-            # One noise level is estimated for all targets together.
-            assert together.sigmas()[k] == pytest.approx(sigma, rel=0.2), item.name
+        for item, value, sigma in zip(single.parameters, single.values, single.sigmas(), strict=True):
+            kind, _, suffix = item.name.partition(".")
+            k = joint.parameters.index(f"{kind}.{name}.{suffix}")
+            assert abs(joint.values[k] - value) < 0.01 * sigma, item.name
+            # One noise level is estimated for all targets.
+            assert joint.sigmas()[k] == pytest.approx(sigma, rel=0.2), item.name
 
 
-def test_places_of_points_and_of_a_descent_are_found_together(together):
+def test_places_of_points_and_of_a_descent_are_found_together(joint):
     model = PhysicalModel.build()
     true = {"lander": LANDER, "rover": ROVER, "descent": several_targets.PLACE}
-    assert [target.name for target in together.targets] == [*true]
+    assert [target.name for target in joint.targets] == [*true]
     for name, place in true.items():
-        solution = together.of_target(name)
+        solution = joint.of_target(name)
         error_m = solution.position_pa_m - place.to_axes("PA", model.ephemeris.constants).xyz_m
         covariance = solution.position_covariance("pa")
         assert error_m @ np.linalg.solve(covariance, error_m) < 16.3, name  # 0.1 % of three
@@ -62,7 +62,7 @@ def arcs(scene):
 
 
 @pytest.fixture(scope="module")
-def without(scene):
+def omissions(scene):
     return radioloc.leave_one_out(scene.study("lander", "craft", "descent"), scene.observations)
 
 
@@ -102,31 +102,31 @@ def test_arcs_of_targets_of_every_kind_have_positions_states_and_files(arcs, tmp
 
 
 @pytest.mark.study
-def test_places_and_states_without_a_station_are_within_sigmas_of_those_with_all(without):
-    compared = {(row.target, row.quantity) for row in without.omissions}
+def test_places_and_states_without_a_station_are_within_sigmas_of_those_with_all(omissions):
+    compared = {(row.target, row.quantity) for row in omissions.omissions}
     assert compared == {
         ("lander", "position"),
         ("descent", "position"),
         ("craft", "state"),
         ("descent", "state"),
     }
-    for row in without.omissions:
+    for row in omissions.omissions:
         assert row.converged, row
         assert row.sigmas is None or row.sigmas < (4.03 if row.quantity == "position" else 4.74), row
-    stations = [row for row in without.omissions if row.kind == "station"]
+    stations = [row for row in omissions.omissions if row.kind == "station"]
     assert all(row.sigmas is not None for row in stations)
-    table = without.columns()
+    table = omissions.columns()
     assert {"target", "quantity", "shift_east_m", "shift_radial_m"} <= {*table}
-    assert "of the state of craft" in str(without)
+    assert "of the state of craft" in str(omissions)
 
 
 @pytest.mark.study
-def test_files_of_several_orbits_are_in_a_folder(together, tmp_path):
-    radioloc.write_report(tmp_path, together)
+def test_files_of_several_orbits_are_in_a_folder(joint, tmp_path):
+    radioloc.write_report(tmp_path, joint)
     names = sorted(path.name for path in (tmp_path / "orbits").iterdir())
     assert names == [
         f"{name}.{form}" for name in ("craft", "descent", "other") for form in ("bsp", "oem", "opm")
     ]
-    content = together.to_dict()
+    content = joint.to_dict()
     assert [*content["states"]] == ["craft", "other", "descent"]
     assert content["states"]["craft"] == content["state"]

@@ -24,36 +24,36 @@ def study():
 
 
 @pytest.fixture(scope="module")
-def found(study):
+def result(study):
     return leave_one_out(study)
 
 
 @pytest.mark.study
-def test_without_a_station_is_with_the_others(study, found):
-    assert [one.name for one in found.omissions] == ["APOLLO", "GRASSE", "MATERA"]
-    assert {one.kind for one in found.omissions} == {"station"}  # the only link of each is no other group
-    whole = radioloc.locate(study)
-    for one in found.omissions:
-        others = tuple(name for name in ("APOLLO", "GRASSE", "MATERA") if name != one.name)
-        alone = radioloc.locate(replace(study, observations=replace(study.observations, stations=others)))
-        shift_m = whole.rot_pa_to_enu @ (alone.position_pa_m - whole.position_pa_m)
+def test_without_a_station_is_with_the_others(study, result):
+    assert [row.name for row in result.omissions] == ["APOLLO", "GRASSE", "MATERA"]
+    assert {row.kind for row in result.omissions} == {"station"}  # the only link of each is no other group
+    complete = radioloc.locate(study)
+    for row in result.omissions:
+        remaining = tuple(name for name in ("APOLLO", "GRASSE", "MATERA") if name != row.name)
+        single = radioloc.locate(replace(study, observations=replace(study.observations, stations=remaining)))
+        shift_m = complete.rot_pa_to_enu @ (single.position_pa_m - complete.position_pa_m)
         # East and north of principal and mean-Earth axes differ by 0.0005 rad.
-        np.testing.assert_allclose(one.shift_enu_m, shift_m, rtol=2e-3, atol=SAME_M)
-        assert one.omitted == len(whole.residuals) - len(alone.residuals)
-        assert one.used == alone.fit.total.used
+        np.testing.assert_allclose(row.shift_enu_m, shift_m, rtol=2e-3, atol=SAME_M)
+        assert row.omitted == len(complete.residuals) - len(single.residuals)
+        assert row.used == single.fit.total.used
 
 
-def test_the_shift_has_the_variance_that_the_rest_has_more_than_all(study, found):
-    one = found.omissions[0]
-    assert one.name == "APOLLO"
-    others = replace(study.observations, stations=("GRASSE", "MATERA"))
-    fits = radioloc.locate(replace(study, observations=others)), found.solution
-    part, whole = (PositionEstimate.from_solution(fit.to_dict()) for fit in fits)
-    assert set(part.errors_enu_m) <= set(whole.errors_enu_m)
+def test_the_shift_has_the_variance_that_the_rest_has_more_than_all(study, result):
+    row = result.omissions[0]
+    assert row.name == "APOLLO"
+    remaining = replace(study.observations, stations=("GRASSE", "MATERA"))
+    fits = radioloc.locate(replace(study, observations=remaining)), result.solution
+    part, complete = (PositionEstimate.from_solution(fit.to_dict()) for fit in fits)
+    assert set(part.errors_enu_m) <= set(complete.errors_enu_m)
     # All considered errors are in the weights of both.
-    variance_m2 = np.diag(part.total_enu_m2 - whole.total_enu_m2)
-    np.testing.assert_allclose(np.square(one.sigma_enu_m), variance_m2, rtol=1e-3)
-    assert 0.0 < one.sigmas < 4.0
+    variance_m2 = np.diag(part.total_enu_m2 - complete.total_enu_m2)
+    np.testing.assert_allclose(np.square(row.sigma_enu_m), variance_m2, rtol=1e-3)
+    assert 0.0 < row.sigmas < 4.0
 
 
 def test_links_are_left_out_too_where_they_are_not_all_of_a_station():
@@ -62,11 +62,11 @@ def test_links_are_left_out_too_where_they_are_not_all_of_a_station():
     arc, _ = prepared_arc(study)
     groups = _groups(arc, study)
     paths = np.array([link.path for link in arc.observations.links])[arc.observations.link]
-    for (kind, name), mine in groups.items():
+    for (kind, name), mask in groups.items():
         of_it = paths == name if kind == "link" else np.char.find(paths, name) >= 0
-        assert (mine == of_it).all(), name
+        assert (mask == of_it).all(), name
     assert {name for kind, name in groups if kind == "link"} <= set(paths)
-    assert len({mine.tobytes() for mine in groups.values()}) == len(groups) > 6
+    assert len({mask.tobytes() for mask in groups.values()}) == len(groups) > 6
     shown = [
         Omission("link", name, 1, 2, True).label
         for name in ("JIAMUSI>x>KASHI", "KASHI>x>KASHI", "URUMQI<x>KUNMING")

@@ -29,53 +29,55 @@ from radioloc.estimation.time_correlation import ABSORBED_SIGMAS, mixed_units
 from radioloc.noise.whitening import Rows, RowsOf, column
 from radioloc.vectors import Floats
 
-_MIN_SQUARE_FRACTION = 1e-6  # of a column that the parameters must leave of it for a test
-_BATCH_POINTS, _MIN_BATCHES = 10, 5  # summed to see whether residuals stay correlated
-_MEDIAN_CHI2_1 = 0.4549  # of the square of a normal variable of unit variance
-_MIN_VARIANCE_OBSERVATIONS = 20  # that determine the variance of a series
+_MIN_SQUARE_FRACTION = (
+    1e-6  # smallest fraction of a column outside the span of the design matrix; less is rounding
+)
+_BATCH_POINTS, _MIN_BATCHES = 10, 5  # batches whose sums show whether residuals are still correlated
+_MEDIAN_CHI2_1 = 0.4549  # median of chi-square with one degree of freedom
+_MIN_VARIANCE_OBSERVATIONS = 20  # observations that determine the variance of a series
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Verdict:
-    """What a test says of added columns."""
+    """Chi-square test of added columns."""
 
     chi2: float
     dof: int
-    estimate: Floats  # (k,)
-    shift: Floats  # (c,), of the parameters
-    root_of_shift: Floats  # (c, dof), square root of the covariance of that shift where nothing is wrong
-    log_chance: float  # logarithm of the probability that chance alone makes it as large
+    estimate: Floats  # (k,), coefficients of the columns
+    shift: Floats  # (c,), change of the parameters
+    root_of_shift: Floats  # (c, dof), square root of the covariance of the shift under the null hypothesis
+    log_chance: float  # logarithm of the p-value
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BinnedProblem:
-    """Fit in n points, bins of observations over the root of their count, and k a-priori values."""
+    """Least-squares problem of n points, means of bins of observations, and k a-priori values."""
 
-    # Columns to be added have a row for each point and a-priori value, n + k, and are not whitened. What single links
-    # have in the points, of which one of combined observations has several, is m rows of its own.
+    # Added columns (n + k, w) are not whitened. A point of combined observations has several links: the contributions
+    # of links to points are m rows.
     points: Points
-    prior: Floats  # (k, 1 + c), residual and partials over the sigmas
-    place: NDArray[np.intp]  # (m,), point that a link has part in
-    code: NDArray[np.intp]  # (m,), series of single observations
-    values: Floats  # (m, 1 + q), a constant of the link, and its partials by the estimated parameters
-    roots: tuple[Floats, ...]  # of each series of the points, of the inverse covariance V^-1 = L^T L
-    left: Floats = field(init=False)  # (n + k,), whitened residuals that the estimate leaves
-    whitened: Floats = field(init=False)  # (n + k, c), partials
+    prior: Floats  # (k, 1 + c), residual and partials of the a-priori values over their sigmas
+    place: NDArray[np.intp]  # (m,), index of the point
+    code: NDArray[np.intp]  # (m,), index of the series of single observations
+    values: Floats  # (m, 1 + q), constant of the link, and partials by the estimated parameters
+    roots: tuple[Floats, ...]  # L of each series of points, V^-1 = L^T L
+    residual: Floats = field(init=False)  # (n + k,), whitened residuals after the estimate
+    whitened: Floats = field(init=False)  # (n + k, c), whitened partials
     weighted: Floats = field(init=False)  # (n + k, 1 + c), residuals and partials times V^-1
-    inverse: Floats = field(init=False)  # (c, c), N^-1
-    estimate: Floats = field(init=False)  # (c,), u
+    inverse: Floats = field(init=False)  # (c, c), inverse of the normal matrix
+    estimate: Floats = field(init=False)  # (c,), change of the parameters
 
     def __post_init__(self) -> None:
-        both = np.concatenate([np.column_stack([self.points.residual, self.points.unit]), self.prior])
-        weighted = both.copy()
+        whitened = np.concatenate([np.column_stack([self.points.residual, self.points.unit]), self.prior])
+        weighted = whitened.copy()
         for k, root in enumerate(self.roots):
-            of = self.points.of(k)
-            both[of] = root @ both[of]
-            weighted[of] = root.T @ both[of]
-        inverse = np.linalg.pinv(both[:, 1:].T @ both[:, 1:], hermitian=True)
-        estimate = inverse @ (both[:, 1:].T @ both[:, 0])
-        object.__setattr__(self, "left", both[:, 0] - both[:, 1:] @ estimate)
-        object.__setattr__(self, "whitened", both[:, 1:])
+            part = self.points.of(k)
+            whitened[part] = root @ whitened[part]
+            weighted[part] = root.T @ whitened[part]
+        inverse = np.linalg.pinv(whitened[:, 1:].T @ whitened[:, 1:], hermitian=True)
+        estimate = inverse @ (whitened[:, 1:].T @ whitened[:, 0])
+        object.__setattr__(self, "residual", whitened[:, 0] - whitened[:, 1:] @ estimate)
+        object.__setattr__(self, "whitened", whitened[:, 1:])
         object.__setattr__(self, "weighted", weighted)
         object.__setattr__(self, "inverse", inverse)
         object.__setattr__(self, "estimate", estimate)
@@ -88,19 +90,22 @@ class BinnedProblem:
         noise_of: Callable[[Points], Mapping[str, SeriesNoise]],
         considered: ConsideredErrors | None = None,
     ) -> BinnedProblem:
-        """Bin a fit; parameters are in coordinates of unit formal covariance, then the considered ones in sigmas."""
+        """Bin a fit, its parameters scaled to unit formal covariance and consider parameters to a-priori sigmas."""
         free, sigmas = fit.parameters.free, fit.parameters.prior_sigmas[fit.parameters.free]
-        off = (fit.parameters.prior_values - fit.x)[free]
+        offset = (fit.parameters.prior_values - fit.x)[free]
         unit, width = mixed_units(fit)
         if considered is not None:
-            more = considered.parameters.prior_sigmas
+            considered_sigmas = considered.parameters.prior_sigmas
             unit = np.block(
                 [
-                    [unit, np.zeros((len(unit), len(more)))],
-                    [np.zeros((len(more), unit.shape[1])), np.diag(more)],
+                    [unit, np.zeros((len(unit), len(considered_sigmas)))],
+                    [np.zeros((len(considered_sigmas), unit.shape[1])), np.diag(considered_sigmas)],
                 ]
             )
-            sigmas, off = np.concatenate([sigmas, more]), np.concatenate([off, np.zeros(len(more))])
+            sigmas, offset = (
+                np.concatenate([sigmas, considered_sigmas]),
+                np.concatenate([offset, np.zeros(len(considered_sigmas))]),
+            )
 
         def constant_and_partials(rows: Rows) -> Floats:
             columns = [np.ones((len(rows), 1)), fit.linearization.partials(rows)[:, free]]
@@ -108,27 +113,27 @@ class BinnedProblem:
 
         series = independent_series(order, fit.noise, fit.used)
         points = points_of(series, column(fit.residual_m), np.zeros((0, 0)))
-        place, code, sums = _of_each_link(series, order, constant_and_partials)
+        place, code, sums = _link_contributions(series, order, constant_and_partials)
         partials = np.zeros((len(points.gain), sums.shape[1] - 1))
         np.add.at(partials, place, sums[:, 1:])
         values = np.hstack([sums[:, :1], sums[:, 1:] @ unit[:, :width]])
-        known = np.isfinite(sigmas)
-        prior = np.column_stack([off, unit])[known] / sigmas[known, None]
+        has_prior = np.isfinite(sigmas)
+        prior = np.column_stack([offset, unit])[has_prior] / sigmas[has_prior, None]
         points = replace(points, unit=partials @ unit)
         noise = noise_of(replace(points, unit=points.unit[:, :width]))
         problem = cls(points, prior, place, code, values, roots=())
         return problem._with_noise(noise, np.zeros(unit.shape[1]))
 
     def _with_noise(self, noise: Mapping[str, SeriesNoise], estimate: Floats) -> BinnedProblem:
-        """Return the problem with the noise of each series, white where none is given."""
-        # A series has more where its residuals stay correlated for longer than its noise has it.
+        """Return the problem with the noise of each series, white by default."""
+        # The variance is larger if the whitened residuals of the series are still correlated.
         points, roots = self.points, []
-        for k, one in enumerate(points.series):
-            of, known = points.of(k), noise.get(one.key) or _white(points, k, estimate)
-            each, width_s = np.eye(of.stop - of.start), float(points.width_s[k])
-            roots.append(known.whitened(points.step_s[of], points.gain[of], each, width_s))
-        first = replace(self, roots=tuple(roots))
-        spreads = [_spread(first.left[points.of(k)]) for k in range(len(roots))]
+        for k, series in enumerate(points.series):
+            part, series_noise = points.of(k), noise.get(series.key) or _white_noise(points, k, estimate)
+            identity, width_s = np.eye(part.stop - part.start), float(points.width_s[k])
+            roots.append(series_noise.whitened(points.step_s[part], points.gain[part], identity, width_s))
+        whitened_problem = replace(self, roots=tuple(roots))
+        spreads = [_spread(whitened_problem.residual[points.of(k)]) for k in range(len(roots))]
         return replace(self, roots=tuple(r / math.sqrt(s) for r, s in zip(roots, spreads, strict=True)))
 
     def columns(
@@ -137,44 +142,48 @@ class BinnedProblem:
         span_s: tuple[float, float] = (-np.inf, np.inf),
         parameters: int = 0,
     ) -> Floats:
-        """Columns of some links in a span of time: their constants times signs, or their first partials."""
-        mine, place, sign = self._of(links)
+        """Columns of links in an interval: constants times signs, or partials by the first parameters."""
+        indices, place, sign = self._rows_of(links)
         time_s = self.points.time_s[place]
-        inside = (time_s >= span_s[0]) & (time_s <= span_s[1])
-        mine, place, sign = mine[inside], place[inside], sign[inside]
+        in_span = (time_s >= span_s[0]) & (time_s <= span_s[1])
+        indices, place, sign = indices[in_span], place[in_span], sign[in_span]
         values = (
-            self.values[mine, 1 : 1 + parameters] if parameters else sign[:, None] * self.values[mine, :1]
+            self.values[indices, 1 : 1 + parameters]
+            if parameters
+            else sign[:, None] * self.values[indices, :1]
         )
-        found = np.zeros((len(self.whitened), values.shape[1]))
-        np.add.at(found, place, values)
-        return found
+        columns = np.zeros((len(self.whitened), values.shape[1]))
+        np.add.at(columns, place, values)
+        return columns
 
     def times_s(self, links: Iterable[int]) -> Floats:
-        """Instants of the points of some links, in order."""
-        return np.unique(self.points.time_s[self._of(dict.fromkeys(links, 1.0))[1]])
+        """Epochs of the points of some links, ascending, s."""
+        return np.unique(self.points.time_s[self._rows_of(dict.fromkeys(links, 1.0))[1]])
 
     def width_s(self, links: Mapping[int, float]) -> float:
-        """Longest duration of the bins of some links."""
-        return float(np.repeat(self.points.width_s, np.diff(self.points.begin))[self._of(links)[1]].max())
+        """Largest bin width of some links, s."""
+        return float(
+            np.repeat(self.points.width_s, np.diff(self.points.begin))[self._rows_of(links)[1]].max()
+        )
 
-    def _of(self, links: Mapping[int, float]) -> tuple[NDArray[np.intp], NDArray[np.intp], Floats]:
-        """Rows of some links, the points that they have part in, and the sign of each."""
+    def _rows_of(self, links: Mapping[int, float]) -> tuple[NDArray[np.intp], NDArray[np.intp], Floats]:
+        """Rows of some links with their points and signs."""
         signs = np.full(int(self.code.max()) + 1, np.nan)
         signs[list(links)] = list(links.values())
-        mine = np.flatnonzero(~np.isnan(signs[self.code]))
-        return mine, self.place[mine], signs[self.code[mine]]
+        indices = np.flatnonzero(~np.isnan(signs[self.code]))
+        return indices, self.place[indices], signs[self.code[indices]]
 
-    def _there(self, columns: Floats) -> Iterator[tuple[slice, Floats]]:
-        """Points of those series that columns (n + k, w) have part in, and the root of each."""
+    def _series_with(self, columns: Floats) -> Iterator[tuple[slice, Floats]]:
+        """Points and roots of the series in which columns (n + k, w) have nonzero elements."""
         n, begin = len(self.points.time_s), self.points.begin
-        there = np.logical_or.reduceat(columns[:n].any(axis=1), begin[:-1])
-        return ((self.points.of(k), self.roots[k]) for k in np.flatnonzero(there).tolist())
+        is_nonzero = np.logical_or.reduceat(columns[:n].any(axis=1), begin[:-1])
+        return ((self.points.of(k), self.roots[k]) for k in np.flatnonzero(is_nonzero).tolist())
 
     def test(self, columns: Floats, links: Mapping[int, float] | None = None) -> Verdict | None:
-        """Test whether added columns (n + k, w) are zero; None where the parameters leave nothing of them."""
+        """Test whether coefficients of columns (n + k, w) are zero; None if the parameters absorb the columns."""
         z = columns.copy()
-        for of, root in self._there(columns):
-            z[of] = root @ columns[of]
+        for part, root in self._series_with(columns):
+            z[part] = root @ columns[part]
         products = columns.T @ self.weighted
         score, with_partials = products[:, 0] - products[:, 1:] @ self.estimate, products[:, 1:]
         gain = self.inverse @ with_partials.T
@@ -182,40 +191,40 @@ class BinnedProblem:
         size = np.sqrt(np.diag(squares))
         scale = np.divide(1.0, size, out=np.zeros_like(size), where=size > 0.0)
         values, axes = np.linalg.eigh((squares - with_partials @ gain) * scale[:, None] * scale)
-        told = values > _MIN_SQUARE_FRACTION
-        if not told.any():
+        determined = values > _MIN_SQUARE_FRACTION
+        if not determined.any():
             return None
-        root = scale[:, None] * axes[:, told] / np.sqrt(values[told])
-        along = root.T @ score
-        estimate, shift = root @ along, -gain @ root @ along
-        chi2, dof, inflation = float(along @ along), int(told.sum()), 1.0
-        if links:  # errors of a station are in all its baselines, whatever the weights have made of that
-            inflation = self._inflation(self.left - self.whitened @ shift - z @ estimate, links)
+        root = scale[:, None] * axes[:, determined] / np.sqrt(values[determined])
+        components = root.T @ score
+        estimate, shift = root @ components, -gain @ root @ components
+        chi2, dof, inflation = float(components @ components), int(determined.sum()), 1.0
+        if links:  # errors of a station are common to its baselines
+            inflation = self._inflation(self.residual - self.whitened @ shift - z @ estimate, links)
         return Verdict(chi2, dof, estimate, shift, gain @ root, log_probability(chi2 / inflation, dof))
 
-    def _inflation(self, left: Floats, links: Mapping[int, float]) -> float:
-        """Factor on the variance of what links have in common, 1 where they are independent."""
-        _, place, sign = self._of(links)
-        which = np.unique(self.points.time_s[place], return_inverse=True)[1]
-        return _spread(np.bincount(which, sign * left[place]) / np.sqrt(np.bincount(which)))
+    def _inflation(self, residual: Floats, links: Mapping[int, float]) -> float:
+        """Variance factor of the common errors of links, 1 if they are independent."""
+        _, place, sign = self._rows_of(links)
+        epoch = np.unique(self.points.time_s[place], return_inverse=True)[1]
+        return _spread(np.bincount(epoch, sign * residual[place]) / np.sqrt(np.bincount(epoch)))
 
     def chi2_of_steps(self, links: Mapping[int, float], edges_s: Floats) -> Floats:
-        """Chi-square of a step of some links, each by itself, at each of some instants (w,)."""
-        # A step is a sum over the points from its instant on: sums from the last point back serve all of them.
-        lasting = self.columns(links)[:, 0]
+        """Chi-square of a step of some links at each of w epochs, (w,)."""
+        # A step is a sum over all later points: cumulative sums from the end serve all epochs.
+        constant = self.columns(links)[:, 0]
         squares, products = np.zeros(len(edges_s)), np.zeros((len(edges_s), self.weighted.shape[1]))
-        for of, root in self._there(lasting[:, None]):
-            at = np.searchsorted(self.points.time_s[of], edges_s)
-            squares += np.square(_sums_from(root.T * lasting[of, None])).sum(axis=1)[at]
-            products += _sums_from(self.weighted[of] * lasting[of, None])[at]
+        for part, root in self._series_with(constant[:, None]):
+            index = np.searchsorted(self.points.time_s[part], edges_s)
+            squares += np.square(_sums_from(root.T * constant[part, None])).sum(axis=1)[index]
+            products += _sums_from(self.weighted[part] * constant[part, None])[index]
         with_partials = products[:, 1:]
         score = products[:, 0] - with_partials @ self.estimate
         information = squares - np.einsum("wc,wc->w", with_partials @ self.inverse, with_partials)
-        told = information > _MIN_SQUARE_FRACTION * squares
-        return np.divide(score**2, information, out=np.zeros_like(score), where=told)
+        determined = information > _MIN_SQUARE_FRACTION * squares
+        return np.divide(score**2, information, out=np.zeros_like(score), where=determined)
 
     def with_columns(self, columns: Floats) -> BinnedProblem:
-        """The problem with further parameters, and the noise that is then left."""
+        """Return the problem with columns as further parameters and the noise of the new residuals."""
         n = len(self.points.time_s)
         points = replace(self.points, unit=np.hstack([self.points.unit, columns[:n]]))
         larger = replace(self, points=points, prior=np.hstack([self.prior, columns[n:]]))
@@ -223,55 +232,55 @@ class BinnedProblem:
 
 
 def noise_of_each(points: Points) -> dict[str, SeriesNoise]:
-    """Noise that each series shows by itself: an offset of one of them is none."""
+    """Noise of each series, estimated separately so that an offset of one series is not noise."""
     return noise_of_series(points, ABSORBED_SIGMAS, jointly=False)
 
 
-def _of_each_link(
+def _link_contributions(
     series: IndependentSeries, order: SeriesOrder, rows_of: RowsOf
 ) -> tuple[NDArray[np.intp], NDArray[np.intp], Floats]:
-    """Shares of links in points: the point and the link of each, (m,), and the sums of columns, (m, c)."""
+    """Contributions of links to points: point and link, (m,), and sums of columns, (m, c)."""
     place, begin, _ = series.bins
     widths, start = np.ones(begin[-1], dtype=np.intp), 0
-    for one in series.whitener.structures:
-        widths[place[start : start + one.rows.size]] = one.rows.size // len(one.rows)
-        start += one.rows.size
+    for structure in series.whitener.structures:
+        widths[place[start : start + structure.rows.size]] = structure.rows.size // len(structure.rows)
+        start += structure.rows.size
     first = np.cumsum(widths) - widths
     code, sums, start = np.empty(widths.sum(), dtype=np.intp), np.zeros((0, 0)), 0
-    for one in series.whitener.structures:
-        width = one.rows.size // len(one.rows)
-        for part in one.parts():
-            rows = one.rows[part].ravel()
-            values, at = rows_of(rows), first[place[start : start + len(rows)]]
+    for structure in series.whitener.structures:
+        width = structure.rows.size // len(structure.rows)
+        for part in structure.parts():
+            rows = structure.rows[part].ravel()
+            values, position = rows_of(rows), first[place[start : start + len(rows)]]
             sums = sums if start else np.zeros((len(code), values.shape[1]))
             start += len(rows)
             for j in range(width):
-                mine = np.arange(len(rows)) % width == j
-                code[at + j] = np.repeat(order.code[rows[mine]], width)
-                add_rows(sums, at + j, one.whiten(part, values * mine[:, None]))
-    of_each = np.repeat(np.arange(begin[-1]), widths)
-    return of_each, code, sums / np.sqrt(np.bincount(place))[of_each, None]
+                is_member = np.arange(len(rows)) % width == j
+                code[position + j] = np.repeat(order.code[rows[is_member]], width)
+                add_rows(sums, position + j, structure.whiten(part, values * is_member[:, None]))
+    point = np.repeat(np.arange(begin[-1]), widths)
+    return point, code, sums / np.sqrt(np.bincount(place))[point, None]
 
 
 def _sums_from(values: Floats) -> Floats:
-    """Sums of values (n, w) from each row on, and of none, shape (n + 1, w)."""
+    """Cumulative sums of values (n, w) from the end, with a final row of zeros, shape (n + 1, w)."""
     return np.vstack([np.cumsum(values[::-1], axis=0)[::-1], np.zeros(values.shape[1])])
 
 
-def _white(points: Points, k: int, estimate: Floats) -> SeriesNoise:
-    """Noise of a series that is white, as large as what an estimate leaves, or as stated where observations are few."""
+def _white_noise(points: Points, k: int, estimate: Floats) -> SeriesNoise:
+    """White noise with the variance of the residuals; at least the stated one for few observations."""
     part, count = points.of(k), int(points.count[k])
-    left = points.residual[part] - points.unit[part] @ estimate
-    inside = float(points.squares[k] - np.square(points.residual[part]).sum())
-    variance = (inside + float(left @ left)) / count
+    residual = points.residual[part] - points.unit[part] @ estimate
+    within_bins = float(points.squares[k] - np.square(points.residual[part]).sum())
+    variance = (within_bins + float(residual @ residual)) / count
     if count < _MIN_VARIANCE_OBSERVATIONS or not variance > 0.0:
         variance = max(variance, 1.0)
     return SeriesNoise(variance, np.ones(1), np.zeros(1))
 
 
 def _spread(independent: Floats) -> float:
-    """Variance of what should be independent and of unit variance, from sums over some time: 1 or more."""
-    # About their median and by the median of the squares, so that what does not fit hardly hides itself.
+    """Variance, 1 or more, of residuals of nominally unit variance, from sums over batches."""
+    # Medians keep a misfit from increasing its own variance.
     batches = len(independent) // _BATCH_POINTS
     if batches < _MIN_BATCHES:
         return 1.0
@@ -282,11 +291,11 @@ def _spread(independent: Floats) -> float:
 
 
 def log_probability(chi2: float, dof: int) -> float:
-    """Logarithm of the probability that chi-square is larger by chance."""
+    """Logarithm of the upper tail probability of chi-square."""
     from scipy.special import gammaincc, gammaln
 
-    found = float(gammaincc(0.5 * dof, 0.5 * chi2))
-    if found > 1e-280:
-        return math.log(found)
+    probability = float(gammaincc(0.5 * dof, 0.5 * chi2))
+    if probability > 1e-280:
+        return math.log(probability)
     half = 0.5 * chi2
     return -half + (0.5 * dof - 1.0) * math.log(half) - float(gammaln(0.5 * dof))

@@ -77,9 +77,9 @@ def fit_with_variance_components(
     edited = fit_with_editing(
         residual_function, parameters, sigma_m, status=status, threshold=threshold, start=start
     )
-    problem = _Problem(residual_function, parameters, edited.fit.noise, edited.given, threshold)
+    problem = _Problem(residual_function, parameters, edited.fit.noise, edited.initial_status, threshold)
     if order is None:
-        return problem.settled(edited, Labels(np.zeros(len(edited.given), dtype=np.int32), ("all",)))
+        return problem.settled(edited, Labels(np.zeros(len(edited.initial_status), dtype=np.int32), ("all",)))
     if groups is not None:
         return problem.with_shared(problem.settled(edited, groups), order, groups)
     groups = order.types

@@ -176,7 +176,7 @@ class _Fitted:
             fitted = FittedObservations(
                 self.model.predictor,
                 k,
-                edited.given.are(USED),
+                edited.initial_status.are(USED),
                 edited.fit.used,
                 edited.fit.residual_m,
                 self.elevation_deg,

@@ -38,7 +38,7 @@ MAX_START_DISTANCE_M = 1e5
 def misfits(edited: EditedFit, stated_m: NDArray[np.float64], types: Labels) -> Iterator[Doubt]:
     """Doubt types with used residuals far beyond their stated sigmas (n,), or with more outliers than used values."""
     fit = edited.fit
-    usable = edited.given.are(USED)
+    usable = edited.initial_status.are(USED)
     free_part = part_of_parameters(fit)
     beyond, floored = [], ""
     for name in types.present():

@@ -24,42 +24,42 @@ from radioloc.vectors import Floats
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Smoothed:
-    """Estimates of stochastic accelerations, with their covariance."""
+    """Smoothed stochastic accelerations with their covariance."""
 
-    residual_m: Floats  # (n,), without what they do
-    values: Chains  # (K + 1, s), u in its sigmas
-    covariance: Chains  # (K + 1, c + 6 + s, c + 6 + s), of the errors of c others, d and u together
-    absorbed: float  # degrees of freedom of the observations that they take
+    residual_m: Floats  # (n,), with the effect of the accelerations removed
+    values: Chains  # (K + 1, s), u in its a-priori sigmas
+    covariance: Chains  # (K + 1, c + 6 + s, c + 6 + s), of c other parameters, d and u together
+    absorbed: float  # degrees of freedom of the observations that the accelerations take
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class InformationFilter:
-    """Used observations, brought to independent ones of unit variance with a process among their noise."""
+    """Whitener of observations with stochastic accelerations among their noise."""
 
     process: StochasticAccelerations
-    used: NDArray[np.intp]
-    noise: dict[tuple[int, int], Whitener]  # of the observations of an interval, by chain and step
+    used: NDArray[np.intp]  # rows of the used observations
+    noise: dict[tuple[int, int], Whitener]  # of the observations of each interval, by chain and step
 
     @classmethod
     def of(
         cls, process: StochasticAccelerations, noise: ObservationCovariance, used: NDArray[np.bool_]
     ) -> InformationFilter:
-        """The filter of some observations; those that share errors are of one interval."""
-        found = np.unique(np.stack([process.chain[used], process.step[used]]), axis=1).T
-        of_interval: dict[tuple[int, int], Whitener] = {
+        """Filter of used observations; those that share errors belong to one interval."""
+        intervals = np.unique(np.stack([process.chain[used], process.step[used]]), axis=1).T
+        noise_of_interval: dict[tuple[int, int], Whitener] = {
             (int(chain), int(step)): noise.whitener(used & (process.chain == chain) & (process.step == step))
-            for chain, step in found
+            for chain, step in intervals
         }
-        return cls(process, np.flatnonzero(used), of_interval)
+        return cls(process, np.flatnonzero(used), noise_of_interval)
 
     def whitened(self, rows_of: RowsOf) -> Iterator[Floats]:
-        """Independent combinations part by part; as many squares as rows, but not as many rows."""
+        """Yield independent combinations of unit variance, part by part; their number is not that of the rows."""
         return iter(self._swept(rows_of)[0])
 
     def _swept(self, rows_of: RowsOf) -> tuple[list[Floats], list[list[Floats]], Floats]:
         """Independent combinations; rows eliminated by chain and step (s, 6 + 2s + c); at the epoch (2s, 2s + c)."""
         process, m = self.process, self.process.persistence
-        s, lasting = process.near.shape[1], np.sqrt(1.0 - m**2)
+        s, growth = process.near.shape[1], np.sqrt(1.0 - m**2)
         columns = rows_of(self.used)
         c = columns.shape[1]
         table = np.zeros((len(process.step), 2 * s + 6 + c))  # far, state, near, columns
@@ -70,74 +70,80 @@ class InformationFilter:
             noise = self.noise.get((chain, step))
             return [] if noise is None else list(noise.whitened(lambda rows: table[rows]))
 
-        of_process = np.hstack([np.eye(s), np.zeros((s, 6)), -m * np.eye(s), np.zeros((s, c))]) / lasting
-        thrown, kept, inner = [], [], []
-        for chain, moved in enumerate(process.moved):
+        of_process = np.hstack([np.eye(s), np.zeros((s, 6)), -m * np.eye(s), np.zeros((s, c))]) / growth
+        combinations, eliminated_rows, epoch_rows = [], [], []
+        for chain, transitions in enumerate(process.moved):
             carried, eliminated = np.zeros((0, 6 + s + c)), []
-            for step in range(len(moved) - 1, -1, -1):
-                d, u, rest = np.split(carried, [6, 6 + s], axis=1)
-                outside = np.hstack([u, d, d @ moved[step], rest])
-                triangle = _triangle([outside, of_process, *observed(chain, step)])
+            for step in range(len(transitions) - 1, -1, -1):
+                d, u, outer_columns = np.split(carried, [6, 6 + s], axis=1)
+                outer_rows = np.hstack([u, d, d @ transitions[step], outer_columns])
+                triangle = _triangle([outer_rows, of_process, *observed(chain, step)])
                 eliminated.append(triangle[:s])
                 carried = triangle[s : 6 + 2 * s, s:]
-                thrown.append(triangle[6 + 2 * s :, 6 + 2 * s :])
-            kept.append(eliminated[::-1])
-            inner.append(carried[:, 6:])
+                combinations.append(triangle[6 + 2 * s :, 6 + 2 * s :])
+            eliminated_rows.append(eliminated[::-1])
+            epoch_rows.append(carried[:, 6:])
         # At the epoch: the first interval before it, the first behind it, columns.
-        nothing = [np.zeros((len(rows), s)) for rows in inner]
+        zeros = [np.zeros((len(rows), s)) for rows in epoch_rows]
         rows = [
             np.delete(of_process, np.s_[s : s + 6], axis=1),
             np.hstack([np.zeros((s, s)), np.eye(s), np.zeros((s, c))]),
-            np.hstack([nothing[AFTER], inner[AFTER]]),
-            np.hstack([inner[BEFORE][:, :s], nothing[BEFORE], inner[BEFORE][:, s:]]),
-            *(np.delete(one, np.s_[s : s + 6], axis=1) for one in observed(ACROSS, 0)),
+            np.hstack([zeros[AFTER], epoch_rows[AFTER]]),
+            np.hstack([epoch_rows[BEFORE][:, :s], zeros[BEFORE], epoch_rows[BEFORE][:, s:]]),
+            *(np.delete(block, np.s_[s : s + 6], axis=1) for block in observed(ACROSS, 0)),
         ]
         triangle = _triangle(rows)
-        thrown.append(triangle[2 * s :, 2 * s :])
-        return [one for one in thrown if len(one)], kept, triangle[: 2 * s]
+        combinations.append(triangle[2 * s :, 2 * s :])
+        return [block for block in combinations if len(block)], eliminated_rows, triangle[: 2 * s]
 
     def smoothed(self, rows_of: RowsOf, residual_m: Floats, covariance: Floats) -> Smoothed:
-        """Estimates from residuals (n,), m; what else acts by columns (m, c) has errors with a covariance (c, c)."""
+        """Smooth accelerations from residuals (n,), m, and columns (m, c) of parameters with covariance (c, c)."""
         process, m = self.process, self.process.persistence
-        s, c, lasting = process.near.shape[1], len(covariance), np.sqrt(1.0 - m**2)
-        _, kept, at_epoch = self._swept(lambda rows: np.column_stack([rows_of(rows), residual_m[rows]]))
+        s, c, growth = process.near.shape[1], len(covariance), np.sqrt(1.0 - m**2)
+        _, eliminated_rows, at_epoch = self._swept(
+            lambda rows: np.column_stack([rows_of(rows), residual_m[rows]])
+        )
         # The state of the smoother: the others, minus one (of which the residuals are the partials), then d and u.
         unit = np.eye(c + 1)
-        of_both = np.linalg.solve(at_epoch[:, : 2 * s], -at_epoch[:, 2 * s :])
-        spread = np.linalg.inv(at_epoch[:, : 2 * s])
-        begun = np.zeros((c + 1, c + 1))
-        begun[:c, :c] = covariance
-        there = of_both @ begun @ of_both.T + spread @ spread.T
-        new = (
-            np.hstack([np.eye(s), -m * np.eye(s)]) / lasting
+        gain = np.linalg.solve(at_epoch[:, : 2 * s], -at_epoch[:, 2 * s :])
+        epoch_root = np.linalg.inv(at_epoch[:, : 2 * s])
+        columns_covariance = np.zeros((c + 1, c + 1))
+        columns_covariance[:c, :c] = covariance
+        epoch_covariance = gain @ columns_covariance @ gain.T + epoch_root @ epoch_root.T
+        increment = (
+            np.hstack([np.eye(s), -m * np.eye(s)]) / growth
         )  # what the process has new, one way and the other
-        absorbed = 2 * s - np.trace(new @ there @ new.T) - np.trace(there[s:, s:])
+        absorbed = (
+            2 * s - np.trace(increment @ epoch_covariance @ increment.T) - np.trace(epoch_covariance[s:, s:])
+        )
         values, covariances = [], []
-        for chain, moved in enumerate(process.moved):
-            mine = slice(s, 2 * s) if chain == AFTER else slice(s)
-            onward = np.vstack([unit, np.zeros((6, c + 1)), of_both[mine]])
-            mean = -onward[:, c]
-            p = onward @ begun @ onward.T
-            p[-s:, -s:] += (spread @ spread.T)[mine, mine]
+        for chain, transitions in enumerate(process.moved):
+            state = slice(s, 2 * s) if chain == AFTER else slice(s)
+            transition = np.vstack([unit, np.zeros((6, c + 1)), gain[state]])
+            mean = -transition[:, c]
+            p = transition @ columns_covariance @ transition.T
+            p[-s:, -s:] += (epoch_root @ epoch_root.T)[state, state]
             means, ps = [mean], [p]
-            for step, eliminated in enumerate(kept[chain]):
-                u, d, near, others = np.split(eliminated, [s, s + 6, 2 * s + 6], axis=1)
-                own = np.linalg.inv(u)
-                onward = np.eye(c + 7 + s)
-                onward[c + 1 : -s, -s:] = moved[step]
-                onward[-s:] = -own @ np.hstack([others, d, near])
-                fresh = onward[-s:].copy()
-                fresh[:, -s:] -= m * np.eye(s)
-                absorbed += s - (np.trace(fresh @ p @ fresh.T) + np.trace(own @ own.T)) / lasting**2
-                mean, p = onward @ mean, onward @ p @ onward.T
-                p[-s:, -s:] += own @ own.T
+            for step, eliminated in enumerate(eliminated_rows[chain]):
+                u, d, near_state, columns = np.split(eliminated, [s, s + 6, 2 * s + 6], axis=1)
+                own_root = np.linalg.inv(u)
+                transition = np.eye(c + 7 + s)
+                transition[c + 1 : -s, -s:] = transitions[step]
+                transition[-s:] = -own_root @ np.hstack([columns, d, near_state])
+                noise_row = transition[-s:].copy()
+                noise_row[:, -s:] -= m * np.eye(s)
+                absorbed += (
+                    s - (np.trace(noise_row @ p @ noise_row.T) + np.trace(own_root @ own_root.T)) / growth**2
+                )
+                mean, p = transition @ mean, transition @ p @ transition.T
+                p[-s:, -s:] += own_root @ own_root.T
                 means.append(mean)
                 ps.append(p)
             values.append(np.array(means)[:, -s:])
             covariances.append(np.delete(np.delete(np.array(ps), c, axis=1), c, axis=2))
-        found = (values[0], values[1])
-        left_m = residual_m - process.effects_m(found)
-        return Smoothed(left_m, found, (covariances[0], covariances[1]), float(absorbed))
+        chains = (values[0], values[1])
+        smoothed_residual_m = residual_m - process.effects_m(chains)
+        return Smoothed(smoothed_residual_m, chains, (covariances[0], covariances[1]), float(absorbed))
 
 
 def _triangle(rows: list[Floats]) -> Floats:

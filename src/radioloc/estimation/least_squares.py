@@ -45,51 +45,46 @@ from radioloc.vectors import Floats
 _MAX_ITERATIONS = 30
 
 _STEP_TOLERANCE = 1e-3
-"""A fit has converged when a step is shorter, in standard deviations over all parameters together (formal ones, or
-scaled up to what the residuals show). Such a step lowers the sum of squares by its square, so this bounds that too."""
+"""Step length at convergence, in formal standard deviations of all parameters together, scaled by the reduced
+chi-square. The step lowers the sum of squares by its square."""
 
-_MIN_STEP_TOLERANCES = 1e-3  # a next step below this part of the tolerance is not taken any more
-
-# Damping given up at, in largest singular values: the step is then a millionth of the plain one.
-_MAX_DAMPING = 1e3
-
-_SHORT_STEP_SIGMAS = 0.1  # steps below are not asked to lower the sum of squares
-_ROUNDING_OF_ROOT = 1e-4  # in parts of the root of the sum: 1e-7 m in residuals of millimetres
-
-_FLOOR_TOLERANCES = 10.0  # steps below that do not become shorter are rounding
-
-_TRIANGLE_REUSE_SCALES = 1.0  # a step of a metre changes the partials by less than 1e-6: their triangle stays
+_MIN_STEP_TOLERANCES = 1e-3  # next step, in tolerances, below which the iterations end without it
+_MAX_DAMPING = 1e3  # largest damping in largest singular values: the step is then 1e-6 of the undamped one
+_SHORT_STEP_SIGMAS = 0.1  # step length below which rounding may raise the sum of squares
+_ROUNDING_OF_ROOT = 1e-4  # relative to the root of the sum: 1e-7 m in residuals of millimetres
+_FLOOR_TOLERANCES = 10.0  # step length, in tolerances, below which steps that do not shrink are rounding
+_TRIANGLE_REUSE_SCALES = 1.0  # step, in parameter scales, that changes the partials by less than 1e-6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FitResult:
-    """Outcome of one least squares fit."""
+    """Result of a least-squares fit."""
 
     parameters: ParameterSet
-    x: Floats  # (p,), undetermined directions stay where they started
-    # (p, p), formal, from the stated sigmas. Fixed parameters have zeros; one that takes part in an undetermined
-    # direction has infinite variance and, as no number is right there, zero covariances.
+    x: Floats  # (p,), estimate; undetermined directions keep their start values
+    # (p, p), formal covariance by the stated noise: zeros for fixed parameters, infinite variances and zero covariances
+    # for parameters of undetermined directions.
     covariance: Floats
-    linearization: Linearization  # at x, of all observations, used or not
-    noise: ObservationCovariance  # as stated, of all observations
+    linearization: Linearization  # at x, of all observations
+    noise: ObservationCovariance  # stated R of all observations
     used: NDArray[np.bool_]  # (n,)
-    chi2: float  # weighted sum of squares over the used observations and the a-priori values
-    dof: int  # used observations and a-priori values less estimated parameters (or determined directions, if fewer)
+    chi2: float  # weighted sum of squares of used observations and a-priori values
+    dof: int  # used observations and a-priori values less determined directions
     status: FitStatus
-    iterations: int  # Gauss-Newton steps that were taken
-    factor: Factor  # of the problem as weighed, at x or less than a last, converged step from it
-    whitening: Whitener  # by which the used observations were brought to independent ones
-    time_correlation: TimeCorrelation | None = None  # where it is known already, as with correlated weights
+    iterations: int  # number of Gauss-Newton steps
+    factor: Factor  # of the weighted problem, at x or within a converged step of it
+    whitening: Whitener  # of the used observations, by the weights of the fit
+    time_correlation: TimeCorrelation | None = None  # noise model of fits with correlated weights
     smoothed: Smoothed | None = None  # stochastic accelerations
 
     @property
     def converged(self) -> bool:
-        """Whether the fit converged and every free parameter is determined."""
+        """True if the fit converged and every free parameter is determined."""
         return self.status is FitStatus.CONVERGED
 
     @property
     def residual_m(self) -> Floats:
-        """Observed - computed at `x`, for all observations, used or not, m, shape (n,)."""
+        """Observed less computed values of all observations at `x`, m, shape (n,)."""
         return self.linearization.residual_m if self.smoothed is None else self.smoothed.residual_m
 
     @property
@@ -99,7 +94,7 @@ class FitResult:
 
     @property
     def sigma_m(self) -> Floats:
-        """Stated standard deviation of each observation, all its errors together, m, shape (n,)."""
+        """Stated total standard deviation of each observation, m, shape (n,)."""
         return self.noise.sigma_m
 
     @property
@@ -109,35 +104,35 @@ class FitResult:
 
     @property
     def noise_scale(self) -> float:
-        """Factor from stated sigmas to those that the residuals show; 1 unless significantly more.
+        """Scale factor of the stated sigmas from the reduced chi-square; 1 unless that is significantly larger.
 
-        Correlated weights have theirs from the residuals. Without it two ranges 20 sigmas apart claim the mean to 0.7
-        sigma (`tests/unit/estimation/test_least_squares.py`).
+        Correlated weights are scaled already. Without it the mean of two ranges 20 sigmas apart has a sigma of 0.7
+        (`tests/unit/estimation/test_least_squares.py`).
         """
         significant = self.dof > 0 and self.chi2 > chi2_quantile(SCALING_PROBABILITY, self.dof)
         return math.sqrt(self.chi2 / self.dof) if significant and self.independent_weights else 1.0
 
     def unit_partials(self) -> RowsOf:
-        """From rows (m,) to partials by parameters of unit formal covariance, (m, q)."""
+        """Return the function from rows (m,) to partials by parameters of unit formal covariance, (m, q)."""
         free, root = self.parameters.free, self.factor.root_covariance()
-        turned = np.zeros((len(free), root.shape[1]))
-        turned[free] = root
+        root_of_all = np.zeros((len(free), root.shape[1]))
+        root_of_all[free] = root
 
         def unit_partials(rows: Rows) -> Floats:
             parameters, partials = nonzero_partials(self.linearization, rows)
-            return times(partials, turned[parameters])
+            return times(partials, root_of_all[parameters])
 
         return unit_partials
 
     def whitened_unit_partials(self) -> Iterator[Floats]:
-        """Those of the used observations by its weights, part by part, (m, q)."""
+        """Yield the whitened unit partials of the used observations, part by part, (m, q)."""
         if self.factor.whitened is None:
             return self.whitening.whitened(self.unit_partials())
         return self.factor.whitened.by(self.factor.root_covariance())
 
     @property
     def independent_weights(self) -> bool:
-        """Whether observations were weighed by their stated noise, not by what they are found to share in time."""
+        """True if the weights are those of the stated noise, without correlation in time."""
         return isinstance(self.whitening, StructuredWhitener)
 
 
@@ -152,15 +147,39 @@ def fit_least_squares(
     linearization: Linearization | None = None,
     whitening: Whitener | None = None,
 ) -> FitResult:
-    """Fit parameters to the `used` observations, from `start` (the a-priori values by default) on.
+    """Fit parameters to the used observations by damped Gauss-Newton iterations.
 
-    `residual_function` leads from x (p,) to a :class:`~radioloc.estimation.linearization.Linearization`, or to the pair
-    of residuals observed - computed (n,), m, and partials d(computed)/dx (n, p). The status of the result says whether
-    it converged and determined everything. Wrong shapes and numbers that are not finite raise :class:`InputError`.
+    Parameters
+    ----------
+    residual_function : callable
+        From parameters (p,) to a :class:`~radioloc.estimation.linearization.Linearization`, or to a pair of residuals
+        observed - computed (n,), m, and partials d(computed)/dx (n, p).
+    parameters : ParameterSet
+        Parameters with their a-priori values.
+    sigma_m : array_like, shape (n,) or (), or ObservationCovariance
+        Stated standard deviations of the observations, m, or their covariance.
+    used : array_like of bool, shape (n,), optional
+        Observations to use, by default all.
+    start : array_like, shape (p,), optional
+        Start of the iterations, by default the a-priori values.
+    linearization : Linearization, optional
+        Linearization at the start, if it is available.
+    whitening : Whitener, optional
+        Whitener of the used observations by other weights than those of the stated noise.
+
+    Returns
+    -------
+    FitResult
+        Its status says whether the iterations converged and every parameter is determined.
+
+    Raises
+    ------
+    InputError
+        Shapes do not match, or a residual or partial at the start is not finite.
     """
     x = parameters.prior_values if start is None else np.array(start, dtype=np.float64)
     if x.shape != (len(parameters),):
-        raise InputError(f"start has shape {x.shape}; {len(parameters)} parameters need ({len(parameters)},)")
+        raise InputError(f"start: expected shape ({len(parameters)},), got {x.shape}")
     x = np.where(parameters.free, x, parameters.prior_values)
 
     at_start = evaluate(residual_function, x) if linearization is None else linearization
@@ -168,7 +187,7 @@ def fit_least_squares(
     noise = ObservationCovariance.of(sigma_m, n)
     mask = np.ones(n, dtype=bool) if used is None else np.array(used, dtype=bool)
     if mask.shape != (n,):
-        raise InputError(f"used has shape {mask.shape}; {n} observations need ({n},)")
+        raise InputError(f"used: expected shape ({n},), got {mask.shape}")
     check_residuals(at_start, mask)
     n_used = int(mask.sum())
     stated = noise.whitener(mask, row_order(at_start))
@@ -176,24 +195,24 @@ def fit_least_squares(
     if process is not None and whitening is None:
         whitening = InformationFilter.of(process, noise, mask)
     problem = _Problem(residual_function, parameters, whitening or stated, n_used)
-    here = problem.point(x, at_start)
-    first = problem.factor(here)
-    if first is None:
+    point = problem.point(x, at_start)
+    factor_at_start = problem.factor(point)
+    if factor_at_start is None:
         check_partials(at_start, mask, parameters)
         raise InputError("the whitened partials overflow at the start; check the sigmas")
-    here, factor, status, iterations = problem.iterated(here, first)
+    point, factor, status, iterations = problem.iterated(point, factor_at_start)
     if not factor.determined.all() and status is FitStatus.CONVERGED:
         status = FitStatus.UNOBSERVABLE
-    # That of the noise as stated; a linear problem is solved without any.
-    chi2 = here.chi2
+    # Chi-square refers to the stated noise, whatever the weights.
+    chi2 = point.chi2
     if (whitening is not None and process is None) or math.isnan(chi2):
-        chi2 = sum_of_squares(here.linearization.residual_m, stated, parameters, here.x)
+        chi2 = sum_of_squares(point.linearization.residual_m, stated, parameters, point.x)
     n_prior = int((np.isfinite(parameters.prior_sigmas) & parameters.free).sum())
     return FitResult(
         parameters=parameters,
-        x=here.x,
+        x=point.x,
         covariance=covariance_of(factor, parameters),
-        linearization=here.linearization,
+        linearization=point.linearization,
         noise=noise,
         used=mask,
         chi2=chi2,
@@ -203,21 +222,23 @@ def fit_least_squares(
         factor=factor,
         whitening=problem.whitening,
         time_correlation=None if process is None else TimeCorrelation((), np.zeros((len(x),) * 2), {}),
-        smoothed=_smoothed(problem, here, factor),
+        smoothed=_smoothed(problem, point, factor),
     )
 
 
-def _smoothed(problem: _Problem, here: _Point, factor: Factor) -> Smoothed | None:
+def _smoothed(problem: _Problem, point: _Point, factor: Factor) -> Smoothed | None:
     if not isinstance(problem.whitening, InformationFilter):
         return None
     free, root = problem.parameters.free, factor.root_covariance()
-    at = here.linearization
-    return problem.whitening.smoothed(lambda rows: at.partials(rows)[:, free], at.residual_m, root @ root.T)
+    linearization = point.linearization
+    return problem.whitening.smoothed(
+        lambda rows: linearization.partials(rows)[:, free], linearization.residual_m, root @ root.T
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Point:
-    """The model at one set of values."""
+    """Linearization and sum of squares at parameters x."""
 
     x: Floats
     linearization: Linearization
@@ -226,7 +247,7 @@ class _Point:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Problem:
-    """What stays the same while a fit goes from point to point."""
+    """Constant inputs of the iterations, with the steps between points."""
 
     residual_function: ResidualFunction
     parameters: ParameterSet
@@ -239,80 +260,86 @@ class _Problem:
         chi2 = sum_of_squares(linearization.residual_m, self.whitening, self.parameters, x)
         return _Point(x, linearization, chi2)
 
-    def factor(self, at: _Point) -> Factor | None:
-        return factorize(at.linearization, self.whitening, self.parameters, at.x)
+    def factor(self, point: _Point) -> Factor | None:
+        return factorize(point.linearization, self.whitening, self.parameters, point.x)
 
-    def stepped(self, at: _Point, factor: Factor, damping: float) -> _Point:
-        x = at.x.copy()
+    def stepped(self, point: _Point, factor: Factor, damping: float) -> _Point:
+        x = point.x.copy()
         x[self.parameters.free] += factor.step(damping)
-        return self.point(x, evaluate_step(self.residual_function, x, at.linearization))
+        return self.point(x, evaluate_step(self.residual_function, x, point.linearization))
 
-    def factor_after(self, here: _Point, trial: _Point, factor: Factor) -> Factor | None:
-        """That of the point a step led to: at the end of a fit the one it has serves on."""
-        moved = np.abs(trial.x - here.x) / self.parameters.scales
+    def factor_after(self, point: _Point, trial: _Point, factor: Factor) -> Factor | None:
+        """Factor at the end of a step; the present one, with a new right side, if the fit is about to converge."""
+        moved = np.abs(trial.x - point.x) / self.parameters.scales
         if moved.max() <= _TRIANGLE_REUSE_SCALES:
-            near = refreshed(factor, trial.linearization, self.whitening, self.parameters, trial.x)
-            if near.step_sigmas < self.tolerance(trial):
-                return near
+            refreshed_factor = refreshed(
+                factor, trial.linearization, self.whitening, self.parameters, trial.x
+            )
+            if refreshed_factor.step_sigmas < self.tolerance(trial):
+                return refreshed_factor
         return self.factor(trial)
 
-    def tolerance(self, at: _Point) -> float:
-        """Length of a step at which a fit has converged, in formal standard deviations."""
-        return _STEP_TOLERANCE * max(1.0, float(np.sqrt(at.chi2 / max(1, self.n_used))))
+    def tolerance(self, point: _Point) -> float:
+        """Step length at convergence, in formal standard deviations."""
+        return _STEP_TOLERANCE * max(1.0, float(np.sqrt(point.chi2 / max(1, self.n_used))))
 
-    def descend(self, here: _Point, factor: Factor, damping: float) -> tuple[_Point, Factor, float] | None:
-        """Point, factor and damping of a step that lowers the sum; None where none does.
+    def descend(self, point: _Point, factor: Factor, damping: float) -> tuple[_Point, Factor, float] | None:
+        """Point, factor and damping of a step that lowers the sum of squares; None if no step does.
 
-        Undamped, steps overshoot to where there is no model (`tests/unit/estimation/test_least_squares.py`).
+        Undamped steps overshoot to positions without a model (`tests/unit/estimation/test_least_squares.py`).
         """
         length = factor.step_sigmas
         while damping <= _MAX_DAMPING * factor.singular_values[0]:
-            trial = self.stepped(here, factor, damping)
-            # A step this small changes the sum by less than its rounding may: it is taken as it is, and the partials
-            # change by no more than the step in parts of the distances, which are thousands of kilometres.
-            if length < self.tolerance(here):
+            trial = self.stepped(point, factor, damping)
+            # So short a step changes the sum of squares by less than its rounding: it is accepted without a test, and
+            # the partials stay, as they change by the step over distances of thousands of kilometres.
+            if length < self.tolerance(point):
                 return trial, factor, damping
-            after = self.factor_after(here, trial, factor) if np.isfinite(trial.chi2) else None
-            if after is not None:
-                # Ranges are rounded to 1e-7 m, and the sum with them: it cannot tell a short step's gain.
-                short = damping == 0.0 and length <= _SHORT_STEP_SIGMAS
-                if trial.chi2 <= here.chi2 + short * _ROUNDING_OF_ROOT * np.sqrt(here.chi2):
-                    return trial, after, damping
+            trial_factor = self.factor_after(point, trial, factor) if np.isfinite(trial.chi2) else None
+            if trial_factor is not None:
+                # Rounding of ranges to 1e-7 m hides the decrease of the sum by a short step.
+                is_short = damping == 0.0 and length <= _SHORT_STEP_SIGMAS
+                if trial.chi2 <= point.chi2 + is_short * _ROUNDING_OF_ROOT * np.sqrt(point.chi2):
+                    return trial, trial_factor, damping
             damping = 3.0 * damping if damping > 0.0 else factor.least_damping
         return None
 
-    def iterated(self, here: _Point, factor: Factor) -> tuple[_Point, Factor, FitStatus, int]:
-        """Where the iterations end, the factor there, why, and how many they were."""
-        # With every parameter fixed there is nothing to do but to report the residuals.
+    def iterated(self, point: _Point, factor: Factor) -> tuple[_Point, Factor, FitStatus, int]:
+        """Final point of the iterations with its factor, the status and the number of steps."""
         if not self.parameters.free.any():
-            return here, factor, FitStatus.CONVERGED, 0
-        if isinstance(here.linearization, OrthonormalLinearization):  # linear: another step would be none
-            there = self.stepped(here, factor, 0.0)
-            return there, replace(factor, right_side=np.zeros_like(factor.right_side)), FitStatus.CONVERGED, 1
-        damping, before = 0.0, math.inf
+            return point, factor, FitStatus.CONVERGED, 0
+        if isinstance(point.linearization, OrthonormalLinearization):  # linear: one step
+            solution = self.stepped(point, factor, 0.0)
+            return (
+                solution,
+                replace(factor, right_side=np.zeros_like(factor.right_side)),
+                FitStatus.CONVERGED,
+                1,
+            )
+        damping, previous_length = 0.0, math.inf
         for count in range(_MAX_ITERATIONS):
-            length, tolerance = factor.step_sigmas, self.tolerance(here)
+            length, tolerance = factor.step_sigmas, self.tolerance(point)
             if count and length < _MIN_STEP_TOLERANCES * tolerance:
-                return here, factor, FitStatus.CONVERGED, count
-            if 0.5 * before < length < _FLOOR_TOLERANCES * tolerance:
-                return here, factor, FitStatus.CONVERGED, count
-            before = length
-            found = self.descend(here, factor, damping)
-            if found is None:
+                return point, factor, FitStatus.CONVERGED, count
+            if 0.5 * previous_length < length < _FLOOR_TOLERANCES * tolerance:
+                return point, factor, FitStatus.CONVERGED, count
+            previous_length = length
+            descent = self.descend(point, factor, damping)
+            if descent is None:
                 # Nothing lowers the sum: either it is at its floor to rounding (ranges are rounded to 1e-7 m),
                 # or the partials point the wrong way.
-                at_floor = length <= max(_SHORT_STEP_SIGMAS, 1e-3 * np.sqrt(here.chi2))
-                return here, factor, FitStatus.CONVERGED if at_floor else FitStatus.DIVERGED, count
+                at_floor = length <= max(_SHORT_STEP_SIGMAS, 1e-3 * np.sqrt(point.chi2))
+                return point, factor, FitStatus.CONVERGED if at_floor else FitStatus.DIVERGED, count
             least = factor.least_damping
-            here, factor, damping = found
+            point, factor, damping = descent
             damping = 0.0 if damping <= least else damping / 3.0
             if length < tolerance:
-                return here, factor, FitStatus.CONVERGED, count + 1
-        return here, factor, FitStatus.MAX_ITERATIONS, _MAX_ITERATIONS
+                return point, factor, FitStatus.CONVERGED, count + 1
+        return point, factor, FitStatus.MAX_ITERATIONS, _MAX_ITERATIONS
 
 
 def sum_of_squares(residual_m: Floats, whitening: Whitener, parameters: ParameterSet, x: Floats) -> float:
-    """Weighted sum of squares with the a-priori rows; infinite where the model gives no finite number."""
+    """Weighted sum of squares with the a-priori rows; infinite if the model is not finite."""
     prior = ((x - parameters.prior_values) / parameters.prior_sigmas)[parameters.free]
     total = float((prior * prior).sum())
     for part in whitening.whitened(column(residual_m)):

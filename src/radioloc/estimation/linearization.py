@@ -25,7 +25,7 @@ from radioloc.vectors import Floats
 
 
 class Linearization(Protocol):
-    """What a model says of its observations at one set of parameters."""
+    """Residuals and partials of a model at one set of parameters."""
 
     @property
     def residual_m(self) -> Floats:
@@ -83,13 +83,13 @@ class DenseLinearization:
 
 def evaluate(residual_function: ResidualFunction, x: Floats) -> Linearization:
     """Linearization at x; :class:`InputError` if its shapes do not agree."""
-    given = residual_function(x)
-    if not isinstance(given, tuple):
-        if given.residual_m.ndim != 1:
-            raise InputError(f"residuals have shape {given.residual_m.shape}; (n,) is needed")
-        linearization: Linearization = given
+    output = residual_function(x)
+    if not isinstance(output, tuple):
+        if output.residual_m.ndim != 1:
+            raise InputError(f"residuals have shape {output.residual_m.shape}; (n,) is needed")
+        linearization: Linearization = output
         return linearization
-    residual_m, partials = (np.asarray(part, dtype=np.float64) for part in given)
+    residual_m, partials = (np.asarray(part, dtype=np.float64) for part in output)
     if residual_m.ndim != 1 or partials.shape != (len(residual_m), len(x)):
         raise InputError(
             f"residuals of shape {residual_m.shape} and partials of shape {partials.shape} do not belong to "
@@ -98,12 +98,12 @@ def evaluate(residual_function: ResidualFunction, x: Floats) -> Linearization:
     return DenseLinearization(residual_m, partials)
 
 
-def evaluate_step(residual_function: ResidualFunction, x: Floats, before: Linearization) -> Linearization:
+def evaluate_step(residual_function: ResidualFunction, x: Floats, previous: Linearization) -> Linearization:
     """Linearization where a step leads to; of infinite residuals where that is beyond what the model can compute."""
     try:
         return evaluate(residual_function, x)
     except RadiolocError:
-        n = len(before.residual_m)
+        n = len(previous.residual_m)
         return DenseLinearization(np.full(n, np.inf), np.full((n, len(x)), np.nan))
 
 
@@ -127,23 +127,22 @@ def check_residuals(linearization: Linearization, used: NDArray[np.bool_]) -> No
 
 
 _LEAF_ELEMENTS = 8192
-"""Numbers in the matrices that rows are reduced in: they fit a processor's own cache, and are too few for linear
-algebra libraries to share them out, so the result does not depend on the number of threads."""
+"""Elements of a block of rows that is factorized at once. It fits the cache of a processor, and is too small for
+multithreading in linear algebra libraries, so that results do not depend on the number of threads."""
 
 _MIN_INFORMATION = 1e-13  # along an orthonormal coordinate; less is rounding
 
 _RANK_TOLERANCE = 1e-10
-"""Least singular value of a determined combination of parameters, in parts of the largest, with all columns scaled to
-length one. Partials carry rounding of about 1e-13 and light-time cut-offs of 1e-11; what they tell beneath 1e-10 is not
-information."""
+"""Smallest singular value of a determined combination over the largest, with columns scaled to length one. Partials
+have rounding errors of 1e-13 and errors of the light-time iteration of 1e-11."""
 
 _MIN_SINGULAR_VALUE = 1e-12  # of a root with rows of length one: less is rounding
 _MAX_SIGMA = 1e6
-"""Largest standard deviation of a determined combination, in parameter scales (metres): beyond about the Moon's radius
-the linear model that the figure rests on means nothing."""
+"""Largest standard deviation of a determined combination, in parameter scales (metres): the linear model is not valid
+beyond about the Moon's radius."""
 
 
-_KEPT_ELEMENTS = 2**22  # of whitened partials, for what is asked of a fit afterwards; more are computed again
+_KEPT_ELEMENTS = 2**22  # largest number of whitened partials in memory, 32 MB; more are computed again
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -154,9 +153,9 @@ class WhitenedPartials:
     from_free: Floats  # (q, q)
 
     def by(self, root: Floats) -> Iterator[Floats]:
-        """Those by parameters of which `root` (q, r) has the free ones, part by part, (m, r)."""
-        turned = self.from_free @ root
-        return (times(part, turned) for part in self.parts)
+        """Yield partials by combinations of the free parameters, the columns of `root` (q, r), part by part, (m, r)."""
+        from_coordinates = self.from_free @ root
+        return (times(part, from_coordinates) for part in self.parts)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -178,17 +177,17 @@ class Factor:
 
     @property
     def least_damping(self) -> float:
-        """The first damping that is tried: the least singular value of a determined direction."""
+        """Smallest damping, the smallest singular value of a determined direction."""
         return float(self.singular_values[self.determined].min(initial=1.0))
 
     def step(self, damping: float) -> Floats:
-        """Change of the free parameters, none of it along undetermined directions, shape (q,)."""
+        """Damped change of the free parameters along determined directions, shape (q,)."""
         s = self.singular_values[self.determined]
-        along = s * self.right_side[self.determined] / (s**2 + damping**2)
-        return (self.vectors[:, self.determined] @ along) / self.column_norms
+        components = s * self.right_side[self.determined] / (s**2 + damping**2)
+        return (self.vectors[:, self.determined] @ components) / self.column_norms
 
     def root_covariance(self) -> Floats:
-        """Square root of the covariance: times its transpose it is the determined part's, shape (q, r)."""
+        """Square root of the covariance of the determined directions, shape (q, r)."""
         root: Floats = self.vectors[:, self.determined] / self.singular_values[self.determined]
         return root / self.column_norms[:, None]
 
@@ -201,7 +200,7 @@ class Factor:
 def factorize(
     linearization: Linearization, whitening: Whitener, parameters: ParameterSet, x: Floats
 ) -> Factor | None:
-    """Reduce one linearized problem, a-priori rows included, to its singular values; none where it is not finite."""
+    """Reduce a linearized problem with its a-priori rows to singular values; None if it is not finite."""
     free = np.flatnonzero(parameters.free)
     q = len(free)
     with_prior = np.flatnonzero(np.isfinite(parameters.prior_sigmas[free]))
@@ -210,23 +209,23 @@ def factorize(
     triangle[np.arange(len(with_prior)), with_prior] = 1.0 / prior_sigmas
     triangle[:, q] = (parameters.prior_values - x)[free][with_prior] / prior_sigmas
 
-    kept: WhitenedPartials | None
+    whitened_partials: WhitenedPartials | None
     if isinstance(linearization, OrthonormalLinearization):
-        rows, kept = linearization.condensed(whitening)
+        rows, whitened_partials = linearization.condensed(whitening)
         triangle = reduced(triangle, rows)
     else:
         # The triangle carries over from part to part, so no copy of all whitened rows need be made
-        parts, room = list[Floats](), _KEPT_ELEMENTS
+        parts, free_elements = list[Floats](), _KEPT_ELEMENTS
         for columns, whitened in _whitened_rows(linearization, whitening, free) if q else ():
-            room -= len(whitened) * (q + 1)
-            if room < 0:
+            free_elements -= len(whitened) * (q + 1)
+            if free_elements < 0:
                 parts.clear()
             else:
                 parts.append(_widened(whitened, columns, q + 1)[:, :q])
             if len(columns) <= q:
                 whitened = _widened(reduced(np.zeros((0, len(columns))), whitened), columns, q + 1)
             triangle = reduced(triangle, whitened)
-        kept = WhitenedPartials(tuple(parts), np.eye(q)) if room >= 0 else None
+        whitened_partials = WhitenedPartials(tuple(parts), np.eye(q)) if free_elements >= 0 else None
     if not np.isfinite(triangle).all():
         return None
 
@@ -240,10 +239,10 @@ def factorize(
     scales = parameters.scales[free]
     norms = np.linalg.norm(matrix, axis=0)
     norms = np.where(norms > 0.0, norms, 1.0 / scales)
-    left, s, right = np.linalg.svd(matrix / norms)
+    left_vectors, s, right = np.linalg.svd(matrix / norms)
     sizes = np.linalg.norm(right / norms / scales, axis=1)
     determined = (s > _RANK_TOLERANCE * s.max(initial=0.0)) & (s * _MAX_SIGMA > sizes)
-    return Factor(norms, s, right.T, left.T @ right_side, determined, kept)
+    return Factor(norms, s, right.T, left_vectors.T @ right_side, determined, whitened_partials)
 
 
 def _whitened_rows(
@@ -281,24 +280,24 @@ def _widened(values: Floats, columns: NDArray[np.intp], count: int) -> Floats:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LinearProblem:
-    """Linear problem that is fitted to one set of residuals after another, as Monte Carlo studies do."""
+    """Linear problem for fits to many sets of residuals, as in Monte Carlo studies."""
 
-    # Turned once to coordinates in which the problem, weighed as stated, is orthonormal: there normal equations lose no
-    # digits, and a fit takes no orthogonal factorization of all rows.
+    # In coordinates that are orthonormal for the stated weights, normal equations lose no digits, and a fit needs no
+    # orthogonal factorization of all rows.
     partials: Floats  # (n, p)
-    x: Floats  # (p,), values that residuals belong to
+    x: Floats  # (p,), parameters of the residuals
     basis: Floats  # (n, q), partials by the orthonormal coordinates
-    from_free: Floats  # (q, q), from changes of the free parameters to coordinates and back
-    to_free: Floats
-    start_rows: NDArray[np.intp]  # (m,), usable observations that make the robust start
+    from_free: Floats  # (q, q), from changes of the free parameters to coordinates
+    to_free: Floats  # (q, q), inverse of `from_free`
+    start_rows: NDArray[np.intp]  # (m,), observations of the robust start
 
     def of(self, residual_m: Floats) -> Callable[[Floats], OrthonormalLinearization]:
         """Residual function of residuals (n,) at the values `x`, m."""
 
         def linearized(x: Floats) -> OrthonormalLinearization:
             # Summed by numpy itself: the result does not depend on the number of threads
-            left_m = residual_m - np.einsum("np,p->n", self.partials, x - self.x)
-            return OrthonormalLinearization(self, left_m)
+            step_residual_m = residual_m - np.einsum("np,p->n", self.partials, x - self.x)
+            return OrthonormalLinearization(self, step_residual_m)
 
         return linearized
 
@@ -315,45 +314,49 @@ class OrthonormalLinearization:
         return self.problem.partials[rows]
 
     def condensed(self, whitening: Whitener) -> tuple[Floats, WhitenedPartials | None]:
-        """Rows (q, q + 1) with the normal equations, and the whitened partials where they are made on the way."""
+        """Rows (q, q + 1) equivalent to the normal equations, and whitened partials if they are computed for these."""
         basis, from_free = self.problem.basis, self.problem.from_free
         weight = whitening.weights if isinstance(whitening, StructuredWhitener) else None
-        kept = None
+        whitened_partials = None
         if weight is not None:
             weighted = basis * weight[:, None]
             normal = gram(weighted, basis)
             side = gram(weighted, np.where(weight > 0.0, self.residual_m, 0.0)[:, None])[:, 0]
         else:
-            both = np.column_stack([basis, self.residual_m])
-            parts = list(whitening.whitened(lambda rows: both[rows]))
-            sums = sum((gram(part, part) for part in parts), np.zeros((both.shape[1],) * 2))
+            columns = np.column_stack([basis, self.residual_m])
+            parts = list(whitening.whitened(lambda rows: columns[rows]))
+            sums = sum((gram(part, part) for part in parts), np.zeros((columns.shape[1],) * 2))
             normal, side = sums[:-1, :-1], sums[:-1, -1]
-            kept = WhitenedPartials(tuple(part[:, :-1] for part in parts), from_free)
+            whitened_partials = WhitenedPartials(tuple(part[:, :-1] for part in parts), from_free)
         values, axes = np.linalg.eigh(normal)
         root = np.sqrt(np.maximum(values, 0.0))
-        along = np.divide(axes.T @ side, root, out=np.zeros(len(root)), where=values > _MIN_INFORMATION)
-        return np.column_stack([root[:, None] * axes.T @ from_free, along]), kept
+        right_side = np.divide(axes.T @ side, root, out=np.zeros(len(root)), where=values > _MIN_INFORMATION)
+        return np.column_stack([root[:, None] * axes.T @ from_free, right_side]), whitened_partials
 
 
 def gram(a: Floats, b: Floats) -> Floats:
-    """a^T b of tall matrices, in slabs too small for linear algebra libraries to share them out among threads."""
+    """Product a^T b of tall matrices, in slabs too small for multithreading in linear algebra libraries."""
     slab = _slab(a, b)
     count = len(a) // slab
-    whole = count * slab
-    if not whole:
+    slab_rows = count * slab
+    if not slab_rows:
         return np.asarray(a.T @ b)
-    left = np.swapaxes(a[:whole].reshape(count, slab, a.shape[1]), 1, 2)
-    slabs = left @ b[:whole].reshape(count, slab, b.shape[1])
-    return np.asarray(slabs.sum(axis=0) + a[whole:].T @ b[whole:])
+    transposed = np.swapaxes(a[:slab_rows].reshape(count, slab, a.shape[1]), 1, 2)
+    slabs = transposed @ b[:slab_rows].reshape(count, slab, b.shape[1])
+    return np.asarray(slabs.sum(axis=0) + a[slab_rows:].T @ b[slab_rows:])
 
 
 def times(a: Floats, b: Floats) -> Floats:
-    """The product a b of a tall matrix and a small one, in such slabs."""
+    """Product a b of a tall matrix and a small one, in slabs as of :func:`gram`."""
     slab = _slab(a, b)
     count = len(a) // slab
-    whole, out = count * slab, np.empty((len(a), b.shape[1]))
-    np.matmul(a[:whole].reshape(count, slab, a.shape[1]), b, out=out[:whole].reshape(count, slab, b.shape[1]))
-    out[whole:] = a[whole:] @ b
+    slab_rows, out = count * slab, np.empty((len(a), b.shape[1]))
+    np.matmul(
+        a[:slab_rows].reshape(count, slab, a.shape[1]),
+        b,
+        out=out[:slab_rows].reshape(count, slab, b.shape[1]),
+    )
+    out[slab_rows:] = a[slab_rows:] @ b
     return out
 
 
@@ -370,24 +373,24 @@ def refreshed(
     parameters: ParameterSet,
     x: Floats,
 ) -> Factor:
-    """Factor of a neighbouring point: its right side from the gradient here, its triangle as it was there.
+    """Return a factor with the triangle of a neighbouring point and the right side of the gradient at x.
 
     Corrected seminormal equations (Bjorck 1987): with the triangle R, R^-T A^T r is the right side but for rounding. It
-    tells whether another step is worth taking, at a third of the cost of another factorization.
+    gives the length of the next step at a third of the cost of another factorization.
     """
     free = np.flatnonzero(parameters.free)
     gradient = (parameters.prior_values - x)[free] / parameters.prior_sigmas[free] ** 2
     for columns, rows in _whitened_rows(linearization, whitening, free):
         # Summed by numpy itself: the result does not depend on the number of threads
         gradient[columns[:-1]] += np.einsum("nq,n->q", rows[:, :-1], rows[:, -1])
-    along = factor.vectors.T @ (gradient / factor.column_norms)
+    projection = factor.vectors.T @ (gradient / factor.column_norms)
     s = factor.singular_values
-    right_side = np.divide(along, s, out=np.zeros_like(along), where=factor.determined)
+    right_side = np.divide(projection, s, out=np.zeros_like(projection), where=factor.determined)
     return replace(factor, right_side=right_side)
 
 
 def reduced(triangle: Floats, rows: Floats) -> Floats:
-    """Triangle of a triangle (k, c) with more rows (m, c) beneath it, shape (min(k + m, c), c)."""
+    """Triangular factor of a triangle (k, c) with rows (m, c) beneath it, shape (min(k + m, c), c)."""
     columns = rows.shape[1]
     leaf = max(2 * columns, _LEAF_ELEMENTS // columns)
     while len(rows) > 2 * leaf:
@@ -414,10 +417,10 @@ def covariance_of(factor: Factor, parameters: ParameterSet, unit: Floats | None 
     directions = factor.undetermined_directions() / parameters.scales[parameters.free]
     if len(directions):
         directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-        lost = (np.abs(directions) > 1e-6).any(axis=0)
-        covariance_free[lost, :] = 0.0
-        covariance_free[:, lost] = 0.0
-        covariance_free[lost, lost] = np.inf
+        is_undetermined = (np.abs(directions) > 1e-6).any(axis=0)
+        covariance_free[is_undetermined, :] = 0.0
+        covariance_free[:, is_undetermined] = 0.0
+        covariance_free[is_undetermined, is_undetermined] = np.inf
     p = len(parameters)
     covariance = np.zeros((p, p))
     covariance[np.ix_(parameters.free, parameters.free)] = covariance_free

@@ -56,10 +56,10 @@ def robust_start(
     parameters: ParameterSet,
     sigma_m: Floats,
     usable: NDArray[np.bool_],
-    whole: Linearization,
+    linearization: Linearization,
     start: Floats | None = None,
 ) -> tuple[Floats, Linearization]:
-    """Estimate and linearization there that gross errors move by little, from `start` or the a-priori values on.
+    """Robust estimate with its linearization, from `start` or the a-priori values.
 
     Minimizes Huber's loss with its corner at one stated sigma by iteratively reweighted least squares; where residuals
     spread beyond their sigmas, :func:`_consensus` is tried. `whole` is the linearization at the start.
@@ -69,24 +69,24 @@ def robust_start(
     """
     x = parameters.prior_values if start is None else start
     free, q = parameters.free, int(parameters.free.sum())
-    check_residuals(whole, usable)
-    prepared = whole.problem if isinstance(whole, OrthonormalLinearization) else None
-    rows = sample(whole, sigma_m, usable, parameters) if prepared is None else prepared.start_rows
+    check_residuals(linearization, usable)
+    prepared = linearization.problem if isinstance(linearization, OrthonormalLinearization) else None
+    rows = sample(linearization, sigma_m, usable, parameters) if prepared is None else prepared.start_rows
     sigma_m = sigma_m[rows]
     root = np.zeros((q, 0)) if prepared is None else prepared.to_free
-    settled = _SETTLED_SIGMAS if prepared is None else _SETTLED_LINEAR_SIGMAS
+    tolerance = _SETTLED_SIGMAS if prepared is None else _SETTLED_LINEAR_SIGMAS
 
-    def after(x: Floats, step: Floats) -> tuple[Floats, Linearization, Floats]:
-        moved = x.copy()
-        moved[free] += step
-        there = evaluate_step(residual_function, moved, whole)
-        return moved, there, there.residual_m[rows] / sigma_m
+    def at_step(x: Floats, step: Floats) -> tuple[Floats, Linearization, Floats]:
+        trial_x = x.copy()
+        trial_x[free] += step
+        trial_linearization = evaluate_step(residual_function, trial_x, linearization)
+        return trial_x, trial_linearization, trial_linearization.residual_m[rows] / sigma_m
 
-    left = whole.residual_m[rows] / sigma_m
+    normalized = linearization.residual_m[rows] / sigma_m
     for _ in range(_MAX_LINEARIZATIONS if prepared is None else 1):  # a linear problem needs one step
-        partials = whole.partials(rows)
+        partials = linearization.partials(rows)
         if prepared is None:
-            dense = DenseLinearization(whole.residual_m[rows], partials)
+            dense = DenseLinearization(linearization.residual_m[rows], partials)
             factor = factorize(
                 dense, ObservationCovariance.of(sigma_m, len(sigma_m)).whitener(), parameters, x
             )
@@ -94,33 +94,33 @@ def robust_start(
                 break
             root = factor.root_covariance()
         basis = times(partials[:, free], root) / sigma_m[:, None]
-        y = _huber_estimate(basis, left, *_prior_terms(parameters, x, root), settled)
-        if np.abs(basis @ y).max(initial=0.0) < settled * max(1.0, robust_scale(left, q)):
+        y = _huber_estimate(basis, normalized, *_prior_terms(parameters, x, root), tolerance)
+        if np.abs(basis @ y).max(initial=0.0) < tolerance * max(1.0, robust_scale(normalized, q)):
             break
-        loss = _huber_loss(left, parameters, x)
-        for part in 0.5 ** np.arange(10.0):
-            trial, there, trial_left = after(x, part * (root @ y))
+        loss = _huber_loss(normalized, parameters, x)
+        for step_fraction in 0.5 ** np.arange(10.0):
+            trial, trial_linearization, trial_left = at_step(x, step_fraction * (root @ y))
             if _huber_loss(trial_left, parameters, trial) < loss:
                 break
         else:
             break
-        x, whole, left = trial, there, trial_left
-    spread = robust_scale(left, q)
-    trial, there, trial_left = x, whole, left
+        x, linearization, normalized = trial, trial_linearization, trial_left
+    spread = robust_scale(normalized, q)
+    trial, trial_linearization, trial_left = x, linearization, normalized
     # Subsets as small as the number of estimated parameters are free of gross errors often enough; considered errors
     # stay as they are.
-    mine = ~parameters.considered[free]
-    if not mine.all():
-        of_estimated = root_of_rows(root[mine])
-        root = np.zeros((q, of_estimated.shape[1]))
-        root[mine] = of_estimated
+    is_estimated = ~parameters.considered[free]
+    if not is_estimated.all():
+        root_of_estimated = root_of_rows(root[is_estimated])
+        root = np.zeros((q, root_of_estimated.shape[1]))
+        root[is_estimated] = root_of_estimated
     for _ in range(_CONSENSUS_PASSES if spread > _MAX_HUBER_SPREAD_SIGMAS else 0):
-        basis = times(there.partials(rows)[:, free], root) / sigma_m[:, None]
+        basis = times(trial_linearization.partials(rows)[:, free], root) / sigma_m[:, None]
         y = _consensus(basis, trial_left, *_prior_terms(parameters, trial, root))
-        trial, there, trial_left = after(trial, root @ y)
+        trial, trial_linearization, trial_left = at_step(trial, root @ y)
         if robust_scale(trial_left, q) < _MAX_SPREAD_RATIO * spread:
-            return trial, there
-    return x, whole
+            return trial, trial_linearization
+    return x, linearization
 
 
 def linear_problem(
@@ -145,62 +145,68 @@ def linear_problem(
 
 
 def sample(
-    whole: Linearization,
+    linearization: Linearization,
     sigma_m: Floats,
     usable: NDArray[np.bool_],
     parameters: ParameterSet,
-    most: int = _MAX_ROWS,
+    max_rows: int = _MAX_ROWS,
 ) -> Rows:
-    """Rows that stand for all usable ones, in order, about as many as `most` or fewer."""
+    """Sample of the usable rows, ascending, of at most about a given number."""
     # Each free parameter has the same number of draws. Half the chance of an observation is the same for all that the
     # parameter acts on, so a bias of one rare station has its observations in the sample; half is in proportion to
     # (partial / sigma)^2 (Drineas, Mahoney and Muthukrishnan 2006). Draws are spread evenly over the order of the rows.
     free = np.flatnonzero(parameters.free & ~parameters.considered)
     candidates = np.flatnonzero(usable)
-    if len(candidates) <= most:
+    if len(candidates) <= max_rows:
         return candidates
     parts = [candidates[k : k + ROWS_AT_ONCE] for k in range(0, len(candidates), ROWS_AT_ONCE)]
 
-    partials = whole.estimated_partials if isinstance(whole, SparseLinearization) else whole.partials
+    partials = (
+        linearization.estimated_partials
+        if isinstance(linearization, SparseLinearization)
+        else linearization.partials
+    )
 
     def squares(rows: Rows) -> Floats:
         return np.asarray(np.square(partials(rows)[:, free] / sigma_m[rows, None]))
 
     counts, sums = np.zeros(len(free)), np.zeros(len(free))
     for rows in parts:
-        found = squares(rows)
-        counts += (found > 0.0).sum(axis=0)
-        sums += found.sum(axis=0)
+        row_squares = squares(rows)
+        counts += (row_squares > 0.0).sum(axis=0)
+        sums += row_squares.sum(axis=0)
     counts, sums = np.maximum(counts, 1.0), np.where(sums > 0.0, sums, 1.0)
-    draws = max(most // max(len(free), 1), _MIN_DRAWS)
+    draws = max(max_rows // max(len(free), 1), _MIN_DRAWS)
     random = np.random.Generator(np.random.PCG64(_SEED))
     places = (np.arange(draws) + random.random((len(free), draws))) / draws
     drawn = np.zeros(len(usable), dtype=bool)
-    before = np.zeros(len(free))
+    cumulative = np.zeros(len(free))
     for rows in parts:
-        found = squares(rows)
-        chances = np.cumsum(0.5 * (found > 0.0) / counts + 0.5 * found / sums, axis=0) + before
+        row_squares = squares(rows)
+        chances = (
+            np.cumsum(0.5 * (row_squares > 0.0) / counts + 0.5 * row_squares / sums, axis=0) + cumulative
+        )
         for k, place in enumerate(places):
-            mine = place[(place >= before[k]) & (place < chances[-1, k])]
-            drawn[rows[np.searchsorted(chances[:, k], mine, side="right")]] = True
-        before = chances[-1]
+            row_places = place[(place >= cumulative[k]) & (place < chances[-1, k])]
+            drawn[rows[np.searchsorted(chances[:, k], row_places, side="right")]] = True
+        cumulative = chances[-1]
     return np.flatnonzero(drawn)
 
 
 def _huber_estimate(
-    basis: Floats, normalized: Floats, prior_normal: Floats, prior_side: Floats, settled: float
+    basis: Floats, normalized: Floats, prior_normal: Floats, prior_side: Floats, tolerance: float
 ) -> Floats:
-    """Where Huber's loss of residuals (n,) is least, in coordinates in which the problem is orthonormal, shape (q,)."""
+    """Minimum of Huber's loss of normalized residuals (n,) in orthonormal coordinates, shape (q,)."""
     y: Floats = np.zeros(basis.shape[1])
     remaining = normalized
     for _ in range(_MAX_REWEIGHTINGS):
         weighted = basis * _huber_weight(remaining)[:, None]
         side = gram(weighted, normalized[:, None])[:, 0]
-        before = y
+        previous = y
         y = np.linalg.solve(prior_normal + gram(weighted, basis), prior_side + side).astype(np.float64)
-        moved = np.abs(np.einsum("nq,q->n", basis, y - before)).max(initial=0.0)
+        change = np.abs(np.einsum("nq,q->n", basis, y - previous)).max(initial=0.0)
         remaining = normalized - np.einsum("nq,q->n", basis, y)
-        if moved < settled or moved < settled * robust_scale(remaining, len(y)):
+        if change < tolerance or change < tolerance * robust_scale(remaining, len(y)):
             break
     return y
 

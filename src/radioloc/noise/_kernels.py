@@ -18,7 +18,7 @@ Integers = NDArray[np.intp]
 
 @compiled(error_model="numpy")
 def filter_gains(
-    process: Integers, sign: Floats, white: Floats, least: Floats, decay: Floats, added: Floats
+    process: Integers, sign: Floats, white: Floats, min_variance: Floats, decay: Floats, added: Floats
 ) -> tuple[Floats, Floats]:
     """Kalman gains (n, s), and one over the standard deviation of each innovation, (n,)."""
     # An innovation whose variance is not above `least` (n,) follows from earlier ones: zeros.
@@ -38,7 +38,7 @@ def filter_gains(
         for c in range(width):
             if process[i, c] >= 0:
                 variance += sign[i, c] * k[process[i, c]]
-        if not variance > least[i]:
+        if not variance > min_variance[i]:
             k[:] = 0.0
             continue
         scale[i] = 1.0 / math.sqrt(variance)
@@ -69,13 +69,13 @@ def filter_innovations(
             for j in range(m):
                 state[a, j] *= decay[i, a]
         for j in range(m):
-            left = columns[i, j]
+            innovation = columns[i, j]
             for c in range(width):
                 if process[i, c] >= 0:
-                    left -= sign[i, c] * state[process[i, c], j]
-            out[i, j] = left * scale[i]
+                    innovation -= sign[i, c] * state[process[i, c], j]
+            out[i, j] = innovation * scale[i]
             for a in range(s):
-                state[a, j] += gain[i, a] * left
+                state[a, j] += gain[i, a] * innovation
     return out
 
 
@@ -89,13 +89,13 @@ def filter_adjoint(
     out, state = np.empty((n, m)), np.zeros((s, m))
     for i in range(n - 1, -1, -1):
         for j in range(m):
-            left = columns[i, j] * scale[i]
+            value = columns[i, j] * scale[i]
             for a in range(s):
-                left += gain[i, a] * state[a, j]
-            out[i, j] = left
+                value += gain[i, a] * state[a, j]
+            out[i, j] = value
             for c in range(width):
                 if process[i, c] >= 0:
-                    state[process[i, c], j] -= sign[i, c] * left
+                    state[process[i, c], j] -= sign[i, c] * value
         for a in range(s):
             for j in range(m):
                 state[a, j] *= decay[i, a]

@@ -58,7 +58,7 @@ class NoiseTerm(Protocol):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class White:
-    """Errors of each observation that no other shares."""
+    """Independent error of each observation."""
 
     sigma_m: Floats  # (n,)
 
@@ -70,11 +70,11 @@ class White:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SharedAtEpoch:
-    """Errors that each observation shares with others of its epoch, such as those of stations in delays."""
+    """Errors that observations of an epoch share, such as errors of stations in delays."""
 
-    group: NDArray[np.intp]  # (n,), whose observations share errors of the same source; ALONE shares none
+    group: NDArray[np.intp]  # (n,), number of the epoch; ALONE for observations without shared errors
     source: NDArray[np.intp]  # (n, k), such as indices of stations
-    effect_m: Floats  # (n, k), of an error of one standard deviation of each source, with its sign
+    effect_m: Floats  # (n, k), signed effect of one standard deviation of each source
 
     def __post_init__(self) -> None:
         if not np.isfinite(self.effect_m).all():
@@ -83,8 +83,8 @@ class SharedAtEpoch:
     @property
     def variance_m2(self) -> Floats:
         """Variance of each observation, m^2, shape (n,)."""
-        each = np.arange(len(self.group))[:, None]
-        return np.where(self.group == ALONE, 0.0, self.covariance_m2(each)[:, 0, 0])
+        rows = np.arange(len(self.group))[:, None]
+        return np.where(self.group == ALONE, 0.0, self.covariance_m2(rows)[:, 0, 0])
 
     def covariance_m2(self, rows: NDArray[np.intp]) -> Floats:
         """Covariance of observations (b, k), each of the b in one group, shape (b, k, k)."""
@@ -92,8 +92,8 @@ class SharedAtEpoch:
         covariance = np.zeros((*rows.shape, rows.shape[1]))
         for i in range(source.shape[2]):
             for j in range(source.shape[2]):
-                same = source[:, :, None, i] == source[:, None, :, j]
-                covariance += same * effect_m[:, :, None, i] * effect_m[:, None, :, j]
+                is_common = source[:, :, None, i] == source[:, None, :, j]
+                covariance += is_common * effect_m[:, :, None, i] * effect_m[:, None, :, j]
         return covariance
 
     @property
@@ -103,26 +103,26 @@ class SharedAtEpoch:
         return np.where(shared, self.source, NONE), self.effect_m
 
     def transitions(self, rows: Rows, step_s: Floats, states: NDArray[np.intp]) -> tuple[Floats, Floats]:
-        """States are new in each group, whose rows follow each other."""
-        decay, mine = np.ones((len(rows), len(states))), np.flatnonzero(self.group[rows] != ALONE)
-        decay[mine[changed(self.group[rows[mine]])]] = 0.0
+        """Transitions to new states at the first row of each group."""
+        decay, shared_rows = np.ones((len(rows), len(states))), np.flatnonzero(self.group[rows] != ALONE)
+        decay[shared_rows[changed(self.group[rows[shared_rows]])]] = 0.0
         return decay, 1.0 - decay
 
     def blocks(self, white_m: Floats, rows: Rows) -> Iterator[Blocks]:
-        """Some rows (m,) that share errors in blocks, those of one size together."""
+        """Yield whiteners of rows (m,) in blocks, one for each size of block."""
         order = rows[np.argsort(self.group[rows], kind="stable")]
         starts = np.flatnonzero(changed(self.group[order]))
         counts = np.diff(starts, append=len(order))
         for size in np.unique(counts):
             block = order[starts[counts == size][:, None] + np.arange(size)]
             new = changed(white_m[block], self.source[block], self.effect_m[block])
-            some = block[new]
-            covariance = self.covariance_m2(some)
-            covariance[:, np.arange(size), np.arange(size)] += white_m[some] ** 2
+            distinct_blocks = block[new]
+            covariance = self.covariance_m2(distinct_blocks)
+            covariance[:, np.arange(size), np.arange(size)] += white_m[distinct_blocks] ** 2
             variances, axes = np.linalg.eigh(covariance)
             flat = np.flatnonzero(variances[:, 0] <= _MIN_VARIANCE_RATIO * variances[:, -1])
             if len(flat):
-                row = int(some[flat[0], np.argmin(white_m[some[flat[0]]])])
+                row = int(distinct_blocks[flat[0], np.argmin(white_m[distinct_blocks[flat[0]]])])
                 raise InputError(
                     f"sigma of observation {row} is {white_m[row]:g} m, too small beside the error that it shares "
                     f"with others, {np.abs(self.effect_m[row]).max():g} m; give at least a 10000th of that"
@@ -134,12 +134,12 @@ class SharedAtEpoch:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DopplerPhase:
-    """White noise of the phases at the ends of count intervals, whose difference a count is."""
+    """White noise of the phases whose difference is a Doppler count."""
 
     sigma_m: Floats  # (n,), of the phase at either end
-    link: NDArray[np.intp]  # (n,), whose phases are counted; ALONE has none
-    start: NDArray[np.intp]  # (n,), number of the phase at the start, in order of time along the link
-    end: NDArray[np.intp]  # (n,), likewise at the end: where the next count begins with it, they share it
+    link: NDArray[np.intp]  # (n,), index of the link; ALONE for observations of other types
+    start: NDArray[np.intp]  # (n,), number of the phase at the start, in order of time on the link
+    end: NDArray[np.intp]  # (n,), number of the phase at the end, which the next count may start with
 
     @property
     def variance_m2(self) -> Floats:
@@ -147,7 +147,7 @@ class DopplerPhase:
         return np.where(self.link == ALONE, 0.0, 2.0 * self.sigma_m**2)
 
     def banded(self, white_m: Floats, rows: Rows) -> Banded:
-        """Some rows (m,), each behind the count that ends where it starts."""
+        """Whitener of rows (m,), ordered so that contiguous counts follow each other."""
         from scipy.linalg import cholesky_banded
 
         start, end = self.start[rows], self.end[rows]
@@ -162,22 +162,24 @@ class DopplerPhase:
 
     @property
     def states(self) -> tuple[NDArray[np.intp], Floats]:
-        """Phases of a link take as many states by turns as are needed at a time."""
+        """Phases as states; the phases of a link reuse a few states in turn."""
         phases = np.stack([self.start, self.end], axis=1)
         turns = int((self.end - self.start)[self.link != ALONE].max(initial=0)) + 1
         states = np.where(self.link[:, None] == ALONE, NONE, self.link[:, None] * turns + phases % turns)
         return states, self.sigma_m[:, None] * [-1.0, 1.0]
 
     def transitions(self, rows: Rows, step_s: Floats, states: NDArray[np.intp]) -> tuple[Floats, Floats]:
-        """States are new at the end of each count, and at the start where no earlier row has that phase."""
-        decay, mine = np.ones((len(rows), len(states))), np.flatnonzero(self.link[rows] != ALONE)
-        own = np.searchsorted(states, self.states[0][rows[mine]])
-        start, end = (np.stack([self.link, one], axis=1)[rows[mine]] for one in (self.start, self.end))
+        """Transitions to new states at the end of each count, and at starts without an earlier count."""
+        decay, phase_rows = np.ones((len(rows), len(states))), np.flatnonzero(self.link[rows] != ALONE)
+        columns = np.searchsorted(states, self.states[0][rows[phase_rows]])
+        start, end = (
+            np.stack([self.link, phase], axis=1)[rows[phase_rows]] for phase in (self.start, self.end)
+        )
         _, number = np.unique(np.concatenate([start, end]), axis=0, return_inverse=True)
         start_number, end_number = np.split(number.ravel(), 2)
         first = ~np.isin(start_number, end_number)
-        decay[mine[first], own[first, 0]] = 0.0
-        decay[mine, own[:, 1]] = 0.0
+        decay[phase_rows[first], columns[first, 0]] = 0.0
+        decay[phase_rows, columns[:, 1]] = 0.0
         return decay, 1.0 - decay
 
 
@@ -219,7 +221,7 @@ class GaussMarkov:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ObservationCovariance:
-    """Covariance R of n observations; :class:`InputError` where it cannot be positive definite."""
+    """Covariance R of n observations; :class:`InputError` if it is not positive definite."""
 
     terms: tuple[White | NoiseTerm, ...]
     white_m: Floats = field(init=False)  # (n,), sigma of the white terms together
@@ -239,16 +241,16 @@ class ObservationCovariance:
         object.__setattr__(self, "sigma_m", np.sqrt(variance_m2))
 
     @classmethod
-    def of(cls, given: ArrayLike | ObservationCovariance, n: int) -> ObservationCovariance:
-        """Covariance of n observations from standard deviations (n,) or (), m, or as it is; errors as of the class."""
-        if isinstance(given, ObservationCovariance):
-            if len(given) != n:
-                raise InputError(f"noise of {len(given)} observations does not belong to {n} observations")
-            return given
+    def of(cls, noise: ArrayLike | ObservationCovariance, n: int) -> ObservationCovariance:
+        """Covariance of n observations from standard deviations (n,) or (), m, or from a covariance."""
+        if isinstance(noise, ObservationCovariance):
+            if len(noise) != n:
+                raise InputError(f"noise: expected {n} observations, got {len(noise)}")
+            return noise
         try:
-            sigma_m = np.array(np.broadcast_to(np.asarray(given, dtype=np.float64), (n,)))
+            sigma_m = np.array(np.broadcast_to(np.asarray(noise, dtype=np.float64), (n,)))
         except ValueError:
-            raise InputError(f"sigmas of shape {np.shape(given)} do not belong to {n} observations") from None
+            raise InputError(f"sigmas of shape {np.shape(noise)} do not belong to {n} observations") from None
         bad = np.flatnonzero(sigma_m < 0.0)
         if len(bad):
             raise InputError(
@@ -278,26 +280,26 @@ class ObservationCovariance:
     def whitener(
         self, used: NDArray[np.bool_] | None = None, order: Rows | None = None
     ) -> StructuredWhitener:
-        """Whitener of the used observations, all of them by default, those alone in some order of the rows (n,)."""
+        """Whitener of the used observations, by default all; independent ones in a given order of the rows (n,)."""
         used = np.ones(len(self), dtype=bool) if used is None else used
         shared, phases = self.of_type(SharedAtEpoch), self.of_type(DopplerPhase)
         if len(shared) + len(phases) < len(self._structured):
             return StructuredWhitener(len(self), tuple(self._filtered(used)))
         of_shared = [used & (term.group != ALONE) for term in shared]
         of_phases = [used & (term.link != ALONE) for term in phases]
-        alone = used & ~np.any([~used, *of_shared, *of_phases], axis=0)
-        rows = np.flatnonzero(alone) if order is None else order[alone[order]]
+        independent = used & ~np.any([~used, *of_shared, *of_phases], axis=0)
+        rows = np.flatnonzero(independent) if order is None else order[independent[order]]
         structures: list[Structure] = [Diagonal(rows, self.white_m[rows])] if len(rows) else []
-        for term, mine in zip(shared, of_shared, strict=True):
-            if mine.any():
-                structures += term.blocks(self.white_m, np.flatnonzero(mine))
-        for phase, mine in zip(phases, of_phases, strict=True):
-            if mine.any():
-                structures.append(phase.banded(self.white_m, np.flatnonzero(mine)))
+        for term, members in zip(shared, of_shared, strict=True):
+            if members.any():
+                structures += term.blocks(self.white_m, np.flatnonzero(members))
+        for phase, members in zip(phases, of_phases, strict=True):
+            if members.any():
+                structures.append(phase.banded(self.white_m, np.flatnonzero(members)))
         return StructuredWhitener(len(self), tuple(structures))
 
     def _filtered(self, used: NDArray[np.bool_]) -> Iterator[Structure]:
-        """A Kalman filter for each network of observations that share processes, and the others."""
+        """Yield a Kalman filter for each network of observations that share processes, and a diagonal."""
         processes, signs, first = [], [], [0]
         time_s, groups = np.zeros(len(self)), []
         for term in self._structured:
@@ -307,9 +309,9 @@ class ObservationCovariance:
             first.append(first[-1] + int(process.max(initial=NONE)) + 1)
             time_s = getattr(term, "time_s", time_s)
         for shared in self.of_type(SharedAtEpoch):
-            _, of_group, which = np.unique(shared.group, return_index=True, return_inverse=True)
+            _, of_group, group_index = np.unique(shared.group, return_index=True, return_inverse=True)
             # Time tags of a group differ by milliseconds.
-            time_s = np.where(shared.group == ALONE, time_s, time_s[of_group][which])
+            time_s = np.where(shared.group == ALONE, time_s, time_s[of_group][group_index])
             groups.append(shared.group)
         process, sign = np.hstack(processes), np.hstack(signs)
         order = np.lexsort((*groups, time_s))
@@ -325,17 +327,21 @@ class ObservationCovariance:
             states = np.unique(process[rows])
             states = states[states != NONE]
             step_s = np.diff(time_s[rows], prepend=time_s[rows[0]])
-            found = [
+            parts = [
                 term.transitions(rows, step_s, states[(states >= begin) & (states < end)] - begin)
                 for term, begin, end in zip(self._structured, first, first[1:], strict=False)
             ]
-            decay, added = (np.hstack(both) for both in zip(*found, strict=True))
+            decay, added = (np.hstack(arrays) for arrays in zip(*parts, strict=True))
             local = np.where(process[rows] == NONE, NONE, np.searchsorted(states, process[rows]))
-            least = _MIN_INNOVATION_FRACTION * self.sigma_m[rows] ** 2
+            min_variance_m2 = _MIN_INNOVATION_FRACTION * self.sigma_m[rows] ** 2
             white_m2 = self.white_m[rows] ** 2
-            yield Filtered(rows, KalmanFilter.of(local, sign[rows], white_m2, (decay, added), least))
+            yield Filtered(
+                rows, KalmanFilter.of(local, sign[rows], white_m2, (decay, added), min_variance_m2)
+            )
 
 
 def _selected(term: Any, rows: Rows) -> Any:
     columns = {item.name: getattr(term, item.name) for item in fields(term)}
-    return replace(term, **{name: one[rows] for name, one in columns.items() if isinstance(one, np.ndarray)})
+    return replace(
+        term, **{name: column[rows] for name, column in columns.items() if isinstance(column, np.ndarray)}
+    )

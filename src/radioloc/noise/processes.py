@@ -67,25 +67,27 @@ class KalmanFilter:
         sign: Floats,
         white: Floats,
         transition: tuple[Floats, Floats],
-        least: Floats | None = None,
+        min_variance: Floats | None = None,
     ) -> KalmanFilter:
         """Filter of white noise and processes; innovations of variances up to `least` (n,) count as none."""
         from radioloc.noise._kernels import filter_gains
 
-        least = np.zeros(len(white)) if least is None else least
-        return cls(process, sign, transition[0], *filter_gains(process, sign, white, least, *transition))
+        min_variance = np.zeros(len(white)) if min_variance is None else min_variance
+        return cls(
+            process, sign, transition[0], *filter_gains(process, sign, white, min_variance, *transition)
+        )
 
     def innovations(self, columns: Floats, rows: slice = slice(None), state: Floats | None = None) -> Floats:
         """Innovations of the columns (m, c) of some rows over their sigmas; the state (s, c) goes on between calls."""
         from radioloc.noise._kernels import filter_innovations
 
         state = np.zeros((self.gain.shape[1], columns.shape[1])) if state is None else state
-        own = (part[rows] for part in (self.process, self.sign, self.decay, self.gain, self.scale))
-        return np.asarray(filter_innovations(*own, state, np.ascontiguousarray(columns)))
+        matrices = (matrix[rows] for matrix in (self.process, self.sign, self.decay, self.gain, self.scale))
+        return np.asarray(filter_innovations(*matrices, state, np.ascontiguousarray(columns)))
 
     def adjoint(self, columns: Floats) -> Floats:
         """Transpose of :meth:`innovations` of all rows: both one after the other multiply by the inverse covariance."""
         from radioloc.noise._kernels import filter_adjoint
 
-        own = (self.process, self.sign, self.decay, self.gain, self.scale)
-        return np.asarray(filter_adjoint(*own, np.ascontiguousarray(columns)))
+        matrices = (self.process, self.sign, self.decay, self.gain, self.scale)
+        return np.asarray(filter_adjoint(*matrices, np.ascontiguousarray(columns)))

@@ -1,8 +1,8 @@
-"""Whiteners: used observations brought to independent combinations of unit variance.
+"""Whiteners: linear maps of used observations to independent combinations of unit variance.
 
-Each structure of the covariance has its own: a diagonal, blocks of few observations (by their principal axes), a
-tri-diagonal matrix (by its banded Cholesky factor), and processes in time (by a Kalman filter). They whiten some
-thousand rows after others, as partials of all observations by all parameters may be gigabytes.
+The map depends on the structure of the covariance: a diagonal, blocks of few observations (principal axes), a
+tri-diagonal matrix (banded Cholesky factor), or processes in time (Kalman filter). Rows are whitened in parts, as the
+partials of all observations by all parameters may be gigabytes.
 """
 
 from __future__ import annotations
@@ -31,46 +31,46 @@ def column(values: Floats) -> RowsOf:
 
 
 def slices(n: int, width: int = 1) -> Iterator[slice]:
-    """Some thousand rows after others, fewer where each is of several observations."""
+    """Yield slices of some thousand rows, fewer if each is of several observations."""
     at_once = max(1, ROWS_AT_ONCE // width)
     return (slice(start, start + at_once) for start in range(0, n, at_once))
 
 
 class Whitener(Protocol):
-    """Used observations, brought to independent combinations of unit variance."""
+    """Linear map of the used observations to independent combinations of unit variance."""
 
     def whitened(self, rows_of: RowsOf) -> Iterator[Floats]:
-        """Independent combinations part by part, from indices of rows (m,) to numbers that belong to them (m, c)."""
+        """Yield whitened columns, part by part, of the columns (m, c) that `rows_of` gives of rows (m,)."""
 
 
 @runtime_checkable
 class TransposableWhitener(Whitener, Protocol):
-    """Whitener with its transpose: both one after the other weigh by the inverse covariance."""
+    """Whitener L with its transpose: L^T L is the inverse covariance."""
 
     def transposed(self, parts: Iterable[Floats]) -> Iterator[tuple[Rows, Floats]]:
-        """Rows (m,) part by part, and numbers that belong to them (m, c), from those of independent combinations."""
+        """Yield rows (m,) and the transposed map of whitened columns, (m, c), part by part."""
 
 
 class Structure(Protocol):
-    """Whitening of those observations that have one structure of covariance."""
+    """Whitener of observations with one structure of covariance."""
 
     @property
     def rows(self) -> Rows:
-        """Observations (n,), or blocks of them (b, k), in the order in which they are whitened."""
+        """Rows of the observations (n,), or of blocks of them (b, k), in the order of whitening."""
 
     def parts(self) -> Iterator[slice]:
-        """Parts of the rows that are whitened one after the other."""
+        """Yield parts of the rows."""
 
     def whiten(self, part: slice, values: Floats) -> Floats:
-        """Independent combinations of the values (m, c) of a part."""
+        """Whiten the columns (m, c) of a part."""
 
     def transpose(self, part: slice, values: Floats) -> Floats:
-        """Values of a part from those of its independent combinations, by the transposed operation."""
+        """Apply the transposed map to the whitened columns (m, c) of a part."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Diagonal:
-    """Observations that share no error."""
+    """Whitener of independent observations."""
 
     rows: Rows  # (n,)
     sigma_m: Floats  # (n,)
@@ -88,11 +88,11 @@ class Diagonal:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Blocks:
-    """Blocks of one size, of which most have the covariance of the one before."""
+    """Whitener of blocks of k observations, with u different covariances."""
 
     rows: Rows  # (b, k), observations of each block
-    which: NDArray[np.intp]  # (b,), which of the u covariances is its
-    roots: Floats  # (u, k, k), from observations to independent combinations of unit variance
+    which: NDArray[np.intp]  # (b,), index of the covariance of each block
+    roots: Floats  # (u, k, k), maps to independent combinations of unit variance
     axes_m: Floats  # (u, k), standard deviations along the principal axes
 
     def parts(self) -> Iterator[slice]:
@@ -121,10 +121,10 @@ class Blocks:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Banded:
-    """Observations of which each is correlated with its neighbours in the order of the rows."""
+    """Whitener of a tri-diagonal covariance."""
 
     rows: Rows  # (n,)
-    factor: Floats  # (2, n), Cholesky factor of the covariance: its diagonal, and what is below
+    factor: Floats  # (2, n), Cholesky factor of the covariance: diagonal and subdiagonal
 
     def parts(self) -> Iterator[slice]:
         """Some thousand rows after others, cut where no row depends on the one before it."""
@@ -143,13 +143,13 @@ class Banded:
         """Values divided by the transposed factor."""
         from scipy.linalg import solve_banded
 
-        diagonal, below = self.factor[:, part]
-        return np.asarray(solve_banded((0, 1), np.stack([np.roll(below, 1), diagonal]), values))
+        diagonal, subdiagonal = self.factor[:, part]
+        return np.asarray(solve_banded((0, 1), np.stack([np.roll(subdiagonal, 1), diagonal]), values))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Filtered:
-    """Observations whose errors are processes in time."""
+    """Whitener of processes in time."""
 
     rows: Rows  # (n,), in order of time
     filter: KalmanFilter
@@ -175,16 +175,16 @@ class StructuredWhitener:
     structures: tuple[Structure, ...]
 
     def _groups(self) -> Iterator[list[tuple[Structure, slice]]]:
-        """Parts of structures whose rows are asked for together, some thousand in all."""
+        """Yield groups of parts of structures, of some thousand rows each."""
         group: list[tuple[Structure, slice]] = []
         size = 0
-        for one in self.structures:
-            for part in one.parts():
-                size += one.rows[part].size
+        for structure in self.structures:
+            for part in structure.parts():
+                size += structure.rows[part].size
                 if group and size > ROWS_AT_ONCE:
                     yield group
-                    group, size = [], one.rows[part].size
-                group.append((one, part))
+                    group, size = [], structure.rows[part].size
+                group.append((structure, part))
         if group:
             yield group
 
@@ -193,38 +193,46 @@ class StructuredWhitener:
         for group in self._groups():
             rows, ends = _rows_of_group(group)
             values = np.split(rows_of(rows), ends)
-            whitened = [one.whiten(part, some) for (one, part), some in zip(group, values, strict=True)]
+            whitened = [
+                structure.whiten(part, part_values)
+                for (structure, part), part_values in zip(group, values, strict=True)
+            ]
             yield np.concatenate(whitened) if len(group) > 1 else whitened[0]
 
     def transposed(self, parts: Iterable[Floats]) -> Iterator[tuple[Rows, Floats]]:
-        """Rows and what the transpose of :meth:`whitened` makes of such parts."""
+        """Yield rows and the transposed map of the parts of :meth:`whitened`."""
         for group, of_group in zip(self._groups(), parts, strict=False):
             rows, ends = _rows_of_group(group)
             values = np.split(of_group, ends)
-            found = [one.transpose(part, some) for (one, part), some in zip(group, values, strict=True)]
-            yield rows, np.concatenate(found)
+            parts_of_group = [
+                structure.transpose(part, part_values)
+                for (structure, part), part_values in zip(group, values, strict=True)
+            ]
+            yield rows, np.concatenate(parts_of_group)
 
     @property
     def weights(self) -> Floats | None:
-        """Weights (n,), zero of observations that are not used; None where observations share errors."""
+        """Weights (n,), zero for observations that are not used; None if observations share errors."""
         weights = np.zeros(self.count)
-        for one in self.structures:
-            if not isinstance(one, Diagonal):
+        for structure in self.structures:
+            if not isinstance(structure, Diagonal):
                 return None
-            weights[one.rows] = one.sigma_m**-2.0
+            weights[structure.rows] = structure.sigma_m**-2.0
         return weights
 
     @property
     def sigma_m(self) -> Floats | None:
-        """Standard deviation of each combination, m; None where it changes with white noise that is added."""
+        """Standard deviation of each combination, m; None if the combinations depend on the white noise."""
         # White noise of one size in all observations of a block is of that size along each of its axes.
-        found = [one.sigma_m for one in self.structures if isinstance(one, Diagonal | Blocks)]
-        if len(found) < len(self.structures):
+        sigmas_m = [
+            structure.sigma_m for structure in self.structures if isinstance(structure, Diagonal | Blocks)
+        ]
+        if len(sigmas_m) < len(self.structures):
             return None
-        return np.concatenate([np.zeros(0), *found])
+        return np.concatenate([np.zeros(0), *sigmas_m])
 
 
 def _rows_of_group(group: list[tuple[Structure, slice]]) -> tuple[Rows, NDArray[np.intp]]:
-    """Rows of parts of structures, and where all but the last of the parts end."""
-    rows = [one.rows[part].ravel() for one, part in group]
-    return np.concatenate(rows), np.cumsum([len(some) for some in rows])[:-1]
+    """Rows of parts of structures, and the ends of all parts but the last."""
+    rows = [structure.rows[part].ravel() for structure, part in group]
+    return np.concatenate(rows), np.cumsum([len(part_rows) for part_rows in rows])[:-1]

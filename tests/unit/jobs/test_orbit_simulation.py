@@ -234,7 +234,7 @@ def test_trials_with_process_noise_are_fitted_in_full(with_process_noise):
 @pytest.mark.parametrize(
     ("forces", "more", "message"),
     [
-        ("gravity_errors = 3", "", r"\[simulation.forces\] gravity_errors: is of the fit"),
+        ("gravity_errors = 3", "", r"\[simulation.forces\] gravity_errors: belongs to the fit"),
         ("", "[simulation.position]\nheight_m = 3.0", r"\[simulation\] position: belongs to a place"),
         (
             "",

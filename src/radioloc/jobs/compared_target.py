@@ -43,11 +43,6 @@ class ComparedTarget:
         """Whether states of an orbit are compared, and not a place."""
         return not self.target.has_place
 
-    @property
-    def epoch_count(self) -> int:
-        """Number of epochs of comparison in an arc."""
-        return 3 if self.of_states else 1
-
     def epochs(self, part: ArcPart) -> Epochs:
         """Return the epochs at which an orbit is compared: its own, the middle and the end of the tracking, TDB."""
         epoch = self._true_orbit.epoch

@@ -209,11 +209,6 @@ def positions_pa_m(motions: Motions) -> Floats:
     return np.array([motion.position_pa_m for motion in motions])
 
 
-def is_fixed(motions: Motions) -> bool:
-    """Return whether all targets are points fixed to the Moon."""
-    return all(motion.trajectory is None for motion in motions)
-
-
 def partials_of_points(by_position_pa: Floats, target: NDArray[np.int32], count: int) -> Floats:
     """Return partials by the positions of `count` targets, (n, 3 count), from those of each row's target, (n, 3)."""
     if count == 1:

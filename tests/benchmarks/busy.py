@@ -1,4 +1,4 @@
-"""Processes that are measured; times of a busy machine are no reason to fail."""
+"""Measured processes; on a busy machine tests of times are skipped."""
 
 import os
 import subprocess
@@ -8,14 +8,14 @@ import time
 import pytest
 
 
-def skip_if_busy(most_load: float, what: str) -> None:
-    """Skip the test if the load of the last minute is larger; `what` says which figures then say nothing."""
+def skip_if_busy(max_load: float, figures: str) -> None:
+    """Skip the test, with the meaningless figures, if the load of the last minute is larger."""
     load = os.getloadavg()[0]
-    if load > most_load:
-        pytest.skip(f"the machine is busy (load {load:.1f}): {what}")
+    if load > max_load:
+        pytest.skip(f"the machine is busy (load {load:.1f}): {figures}")
 
 
-# A process is told the peak of the one that starts it as its own, and the tests are large: a small one is between.
+# A process inherits the peak memory of its parent; a small process between them resets it.
 _BETWEEN = """
 import resource, subprocess, sys
 code = subprocess.call(sys.argv[1:])
@@ -26,7 +26,7 @@ sys.exit(code)
 
 
 def run(folder, *command, **environment):
-    """Wall time, s, CPU time, s, peak memory, MB, and the output of a process of Python."""
+    """Return wall time, s, CPU time, s, peak memory, MB, and output of a process of Python."""
     started = time.perf_counter()
     done = subprocess.run(
         [sys.executable, "-c", _BETWEEN, sys.executable, *command],

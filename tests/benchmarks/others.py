@@ -1,4 +1,4 @@
-"""What a user would pick instead, on the same links: the bare geometry of a three-way range by other packages.
+"""Geometry of a three-way range by other packages, for the same links.
 
 Each function gives the round-trip light time, in metres, for reception epochs. None has media, tides, relativity or
 partials (Orekit's own ``Range`` has partials): each does less than radioloc. Earth rotation is what the package brings.
@@ -14,7 +14,7 @@ from radioloc.kernels import find_kernel
 
 C_KM_S = C_M_S / 1e3
 ROUNDS = 3
-"""Substitutions per leg: each gains four digits; three leave less than a millimetre."""
+"""Substitutions per leg: each adds four digits; three are exact to a millimetre."""
 
 SPICE_TEXT = """KPL/FK
 \\begindata
@@ -32,7 +32,7 @@ BODY399_LONG_AXIS      = (    0.                        )
 
 
 class SpiceLoop:
-    """The usual script: a Python loop around spiceypy, two stations and a lander, iterated light times."""
+    """Usual script: a Python loop around spiceypy, two stations and a lander, iterated light times."""
 
     def __init__(self, folder: Path) -> None:
         import spiceypy
@@ -51,7 +51,7 @@ class SpiceLoop:
             spiceypy.unload(kernel)
 
     def three_way_m(self, sender_m, lander_pa_m, receiver_m, received_tdb_s):
-        """Round-trip light time times c, m, shape (n,)."""
+        """Return the round-trip light time times c, m, shape (n,)."""
         import spiceypy
 
         sender, lander, receiver = (np.asarray(r) / 1e3 for r in (sender_m, lander_pa_m, receiver_m))
@@ -120,7 +120,7 @@ public class ThreeWay {
 
 
 class OrekitLoop:
-    """The same by Orekit in a compiled Java loop, the fastest that its user can have.
+    """Light times by Orekit in a compiled Java loop.
 
     The lander is given in Orekit's own lunar axes (IAU), which it has without further files.
     """
@@ -144,6 +144,6 @@ class OrekitLoop:
         self._range = jpype.JClass("ThreeWay").range
 
     def three_way_m(self, sender_m, lander_m, receiver_m, received_tdb_s):
-        """Round-trip light time times c, m, shape (n,)."""
-        found = self._range(list(sender_m), list(lander_m), list(receiver_m), received_tdb_s, ROUNDS)
-        return np.array(found)
+        """Return the round-trip light time times c, m, shape (n,)."""
+        range_m = self._range(list(sender_m), list(lander_m), list(receiver_m), received_tdb_s, ROUNDS)
+        return np.array(range_m)

@@ -22,11 +22,11 @@ sys.path[:0] = [str(Path(__file__).parents[1] / "support")]
 
 COUNTS = (1000, 3000, 10_000, 30_000, 100_000, 300_000, 1_000_000, 3_000_000, 10_000_000)
 RATE_HZ = 3.0
-"""No day of the month has fewer observations a second."""
+"""Smallest number of observations per second of any day of the month."""
 
 
 def make(path: Path, count: int) -> None:
-    """Simulate the first so many observations and keep their columns."""
+    """Simulate a number of observations and store their columns."""
     from change5_case import LANDER, NOISE, RANGING, START, VLBI
 
     import radioloc
@@ -42,14 +42,14 @@ def make(path: Path, count: int) -> None:
     ]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", radioloc.errors.RadiolocWarning)
-        made = simulate(Schedule(sessions), LANDER, None, NOISE, model=model, seed=1).observations
-    if len(made) < count:
-        raise ValueError(f"{len(made)} observations to {stop}, too few for {count}")
-    path.write_bytes(pickle.dumps(made.select(slice(0, count))))
+        simulated = simulate(Schedule(sessions), LANDER, None, NOISE, model=model, seed=1).observations
+    if len(simulated) < count:
+        raise ValueError(f"{len(simulated)} observations to {stop}, too few for {count}")
+    path.write_bytes(pickle.dumps(simulated.select(slice(0, count))))
 
 
 def fit(path: Path) -> None:
-    """Prepare and fit the observations of a file; print what it took."""
+    """Prepare and fit the observations of a file; print times and memory."""
     from change5_case import STUDY
 
     import radioloc
@@ -74,10 +74,10 @@ def fit(path: Path) -> None:
         times.append((time.perf_counter(), time.process_time()))
     peak_kb = _peak_kb()
     wall_s, processor_s = (np.diff([at[k] for at in times]) for k in (0, 1))
-    found = {"observations": len(observations), "held_mb": held / 1e6, "before_mb": before_kb / 1e3}
-    found |= {"prepare_s": wall_s[0], "fit_s": wall_s[1], "peak_mb": peak_kb / 1e3}
-    found |= {"prepare_cpu_s": processor_s[0], "fit_cpu_s": processor_s[1], "converged": solution.converged}
-    print(json.dumps(found))
+    figures = {"observations": len(observations), "held_mb": held / 1e6, "before_mb": before_kb / 1e3}
+    figures |= {"prepare_s": wall_s[0], "fit_s": wall_s[1], "peak_mb": peak_kb / 1e3}
+    figures |= {"prepare_cpu_s": processor_s[0], "fit_cpu_s": processor_s[1], "converged": solution.converged}
+    print(json.dumps(figures))
 
 
 def _peak_kb() -> float:
@@ -85,18 +85,18 @@ def _peak_kb() -> float:
     return peak / 1024 if sys.platform == "darwin" else peak
 
 
-def measure(most: int) -> list[dict[str, float]]:
-    """Figures for each number of observations up to the most, the best time of three where that is short."""
-    found = []
+def measure(max_count: int) -> list[dict[str, float]]:
+    """Return figures for each number of observations, the best of three runs for short ones."""
+    figures = []
     with tempfile.TemporaryDirectory() as folder:
-        for count in [count for count in COUNTS if count <= most]:
+        for count in [count for count in COUNTS if count <= max_count]:
             path = Path(folder) / f"{count}.pickle"
             _run("make", path, count)
             runs = [json.loads(_run("fit", path)) for _ in range(3 if count < 1_000_000 else 1)]
-            found.append(min(runs, key=cpu_s))
+            figures.append(min(runs, key=cpu_s))
             path.unlink()
-            print(row(found[-1]), flush=True)
-    return found
+            print(row(figures[-1]), flush=True)
+    return figures
 
 
 def _run(*arguments: object) -> str:
@@ -105,7 +105,7 @@ def _run(*arguments: object) -> str:
 
 
 def cpu_s(run: dict[str, float]) -> float:
-    """Processor time of preparing and fitting, s."""
+    """Return the processor time of preparing and fitting, s."""
     return run["prepare_cpu_s"] + run["fit_cpu_s"]
 
 
@@ -114,7 +114,7 @@ HEADER = """| observations | prepare, s | fit, s | CPU, s | data, MB | peak, MB 
 
 
 def row(run: dict[str, float]) -> str:
-    """A row of the table."""
+    """Return a row of the table."""
     beyond = (run["peak_mb"] - run["before_mb"]) * 1e6 / run["observations"]
     cells = (
         f"{run['observations']:,}".replace(",", " "),
@@ -126,43 +126,43 @@ def row(run: dict[str, float]) -> str:
     return f"| {' | '.join(cells)} |"
 
 
-def draw(found: list[dict[str, float]], path: Path) -> None:
-    """Time and memory over the number of observations, with straight lines of what is linear."""
+def draw(figures: list[dict[str, float]], path: Path) -> None:
+    """Draw time and memory over the number of observations, with linear references."""
     import matplotlib
 
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
 
-    n = np.array([run["observations"] for run in found])
-    time_s = np.array([cpu_s(run) for run in found])
-    peak_mb = np.array([run["peak_mb"] for run in found])
-    figure, (left, right) = plt.subplots(1, 2, figsize=(10.0, 4.2), layout="constrained")
-    left.loglog(n, time_s, "o-", color="tab:blue", label="prepare and fit")
-    left.loglog(n, [run["prepare_cpu_s"] for run in found], "s:", color="tab:orange", label="prepare")
-    left.loglog(n, time_s[-1] * n / n[-1], "k--", lw=1.0, label="in proportion")
-    left.set(
+    n = np.array([run["observations"] for run in figures])
+    time_s = np.array([cpu_s(run) for run in figures])
+    peak_mb = np.array([run["peak_mb"] for run in figures])
+    figure, (times, memory) = plt.subplots(1, 2, figsize=(10.0, 4.2), layout="constrained")
+    times.loglog(n, time_s, "o-", color="tab:blue", label="prepare and fit")
+    times.loglog(n, [run["prepare_cpu_s"] for run in figures], "s:", color="tab:orange", label="prepare")
+    times.loglog(n, time_s[-1] * n / n[-1], "k--", lw=1.0, label="in proportion")
+    times.set(
         xlabel="observations", ylabel="processor time, s", title="Time", ylim=(time_s.min() / 30.0, None)
     )
-    right.loglog(n, peak_mb, "o-", color="tab:blue", label="peak of the process")
-    right.loglog(n, [run["held_mb"] for run in found], "s:", color="tab:orange", label="the observations")
-    right.loglog(n, peak_mb[-1] * n / n[-1], "k--", lw=1.0, label="in proportion")
-    right.set(xlabel="observations", ylabel="memory, MB", title="Memory", ylim=(10.0, None))
-    for axes in (left, right):
+    memory.loglog(n, peak_mb, "o-", color="tab:blue", label="peak of the process")
+    memory.loglog(n, [run["held_mb"] for run in figures], "s:", color="tab:orange", label="the observations")
+    memory.loglog(n, peak_mb[-1] * n / n[-1], "k--", lw=1.0, label="in proportion")
+    memory.set(xlabel="observations", ylabel="memory, MB", title="Memory", ylim=(10.0, None))
+    for axes in (times, memory):
         axes.grid(True, which="major", alpha=0.3)
         axes.legend(frameon=False)
     figure.savefig(path, dpi=120)
 
 
 def main() -> None:
-    """Do what the arguments say."""
+    """Run the measurement or the figure of the arguments."""
     match sys.argv[1:]:
         case ["make", path, count]:
             make(Path(path), int(count))
         case ["fit", path]:
             fit(Path(path))
-        case [figure, *most]:
+        case [figure, *counts]:
             print(HEADER)
-            draw(measure(int(most[0]) if most else COUNTS[-1]), Path(figure))
+            draw(measure(int(counts[0]) if counts else COUNTS[-1]), Path(figure))
         case _:
             sys.exit(__doc__)
 

@@ -1,6 +1,6 @@
-"""From a file to a solution: 48 hours of nine links at 1 Hz, in processes of their own as a user would run them.
+"""Time from a file to a solution: 48 hours of nine links at 1 Hz, in separate processes.
 
-Prints what it took and asserts the limits; run with ``make bench``. Limits are of processor time: on quiet cores that
+Prints times and asserts limits; run with ``make bench``. Limits are of processor time: on quiet cores that
 is more than the wall time, and on cores that others use as well it stays nearly the same. Only of the whole command,
 files and figures included, the wall time is limited: of the quickest of some runs, and if the machine is not busy.
 """
@@ -74,7 +74,7 @@ import numba.core.event
 import radioloc
 from change5_case import observations
 model = radioloc.measurements.PhysicalModel.build(off=["ionosphere"])
-made = observations(model, 180.0)
+simulated = observations(model, 180.0)
 began = time.process_time()
 study = radioloc.Study(
     target=radioloc.LunarPosition.from_selenographic(-51.8, 43.0, -2500.0),
@@ -82,7 +82,7 @@ study = radioloc.Study(
 )
 compiled = []
 with numba.core.event.install_timer("numba:compile", compiled.append):
-    radioloc.locate(study, made)
+    radioloc.locate(study, simulated)
 ended = time.process_time()
 print(json.dumps({"compile": sum(compiled), "fit": ended - began, "begin": ended}))
 """
@@ -105,37 +105,37 @@ def locate(folder, *arguments):
     return run(folder, "-m", "radioloc", "locate", "change5.toml", "--quiet", *arguments)
 
 
-def told(benchmark, capsys, what, ran):
+def report(benchmark, capsys, title, ran):
     wall_s, cpu_s, peak_mb, _ = ran
     with capsys.disabled():
-        print(f"\n{what}: {wall_s:.1f} s wall, {cpu_s:.1f} s CPU, {peak_mb:.0f} MB at most")
+        print(f"\n{title}: {wall_s:.1f} s wall, {cpu_s:.1f} s CPU, {peak_mb:.0f} MB at most")
     benchmark.extra_info.update({"wall_s": wall_s, "cpu_s": cpu_s, "peak_mb": peak_mb})
 
 
 def test_simulated(benchmark, folder, capsys):
     ran = benchmark.pedantic(simulate, args=(folder,), rounds=1)
-    told(benchmark, capsys, "simulated to a file of 74 MB", ran)
+    report(benchmark, capsys, "simulated to a file of 74 MB", ran)
     assert ran[1] < SIMULATED_S
     assert ran[2] < SIMULATED_PEAK_MB
 
 
 def test_located_with_all_files(benchmark, folder, capsys):
-    """Wall time, as the user has it: from the command to the prompt, all of it in files."""
+    """Measure the wall time of the command with all its files."""
     locate(folder)  # compiled once and for all
     runs = []
     benchmark.pedantic(lambda: runs.append(locate(folder, "--out", "out")), rounds=3)
     best = min(runs, key=lambda ran: ran[0])
-    told(benchmark, capsys, "located, with residuals.csv and figures", best)
+    report(benchmark, capsys, "located, with residuals.csv and figures", best)
     assert (folder / "out" / "residuals.csv").stat().st_size > 8e7
     assert {file.suffix for file in (folder / "out").iterdir()} == {".json", ".csv", ".png", ".svg"}
     assert best[2] < WHOLE_PEAK_MB
     if best[0] > WHOLE_WALL_S:
-        skip_if_busy(1.5, f"{best[0]:.1f} s say nothing of {WHOLE_WALL_S:g} s")
+        skip_if_busy(1.5, f"{best[0]:.1f} s cannot be compared with {WHOLE_WALL_S:g} s")
     assert best[0] < WHOLE_WALL_S
 
 
 def taken_by_parts(benchmark, folder, capsys, script):
-    """CPU time of what a script does, s, by the names that it gives; told as well."""
+    """Return and print the CPU time of the steps of a script, s, by name."""
     _, _, _, output = benchmark.pedantic(run, args=(folder, "-c", script), rounds=1)
     parts = {name: s for line in output.splitlines() for name, s in json.loads(line).items()}
     with capsys.disabled():
@@ -145,7 +145,7 @@ def taken_by_parts(benchmark, folder, capsys, script):
 
 
 def test_files_of_a_solution(benchmark, folder, capsys):
-    """What each kind of file takes: residuals.csv is 86 MB."""
+    """Measure the time of each kind of file; residuals.csv is 86 MB."""
     files = taken_by_parts(benchmark, folder, capsys, FILES)
     assert files["residuals.csv and solution.json"] < WRITTEN_S
 
@@ -156,7 +156,7 @@ def test_stages(benchmark, folder, capsys):
 
 
 def test_first_fit_of_a_process(benchmark, tmp_path, capsys):
-    """All compiled functions take part in an interpolated fit; their code is kept for the next process."""
+    """An interpolated fit uses all compiled functions, which are cached for the next process."""
     toys = str(Path(__file__).parents[1] / "support")
 
     def first_fit():

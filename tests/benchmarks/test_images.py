@@ -57,7 +57,7 @@ distortion = [-0.05, 0.0, 0.0, 0.0, 0.0]
 
 
 def draw(folder: Path) -> None:
-    """Draw what is not there yet; the study file comes last."""
+    """Draw missing files; the study file comes last."""
     import cv2
 
     (folder / "frames").mkdir(parents=True, exist_ok=True)
@@ -78,18 +78,18 @@ def draw(folder: Path) -> None:
 
 
 def in_frame_above(k: int) -> list:
-    """Where pixels of a frame are in the one before it that is drawn: samples and lines, both of shape `SHAPE`."""
+    """Return samples and lines of pixels in the previous drawn frame, both of shape `SHAPE`."""
     import cv2
 
     nodes = np.stack(np.meshgrid(*(np.linspace(0.0, n - 1.0, 1 + n // 16) for n in SHAPE[::-1])), axis=-1)
     level_m = float(GROUND.heights_at_m(np.zeros((1, 2)), 1.0)[0])
     points_m = image_to_ground(DESCENT.model(k), nodes.reshape(-1, 2), Sphere(MEAN_LUNAR_RADIUS_M + level_m))
-    found = HALF.model(k - k % EVERY).project(points_m).pixels.reshape(nodes.shape)
+    projected = HALF.model(k - k % EVERY).project(points_m).pixels.reshape(nodes.shape)
     across, down = (
         np.linspace(0.0, n - 1.0, size) for n, size in zip(nodes.shape[1::-1], SHAPE[::-1], strict=True)
     )
     at = [axis.astype(np.float32) for axis in np.meshgrid(across, down)]
-    return [cv2.remap(found[..., c].astype(np.float32), *at, cv2.INTER_LINEAR) for c in (0, 1)]
+    return [cv2.remap(projected[..., c].astype(np.float32), *at, cv2.INTER_LINEAR) for c in (0, 1)]
 
 
 def test_located_with_240_images(benchmark, capsys):
@@ -104,14 +104,14 @@ def test_located_with_240_images(benchmark, capsys):
     content = json.loads((folder / "out" / "solution.json").read_text())
     assert [image["status"] for image in content["images"]] == ["registered"] * FRAMES
     place, sigma = content["position"]["me"], content["sigma"]
-    truth, found = GROUND.plane.from_longitude_latitude(
+    truth, place = GROUND.plane.from_longitude_latitude(
         [DESCENT.lander()[:2], (place["longitude_deg"], place["latitude_deg"])]
     )
-    # Without an elevation model relief moves tie points, and the sigma says so.
-    error_m, sigma_m = found - truth, [sigma["east_m"], sigma["north_m"]]
+    # Without an elevation model, relief shifts tie points, which the sigma includes.
+    error_m, sigma_m = place - truth, [sigma["east_m"], sigma["north_m"]]
     assert (np.abs(error_m) < np.multiply(3.0, sigma_m)).all()
     assert max(sigma_m) < MOST_SIGMA_M
     assert peak_mb < PEAK_MB
     if wall_s > WALL_S:
-        skip_if_busy(2.0, f"{wall_s:.0f} s say nothing of {WALL_S:g} s")
+        skip_if_busy(2.0, f"{wall_s:.0f} s cannot be compared with {WALL_S:g} s")
     assert wall_s < WALL_S

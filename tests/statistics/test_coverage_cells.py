@@ -1,29 +1,29 @@
-"""Whether regions of 68 and 95 % hold the truth as often with the defaults, over kinds of data, lengths and worlds.
+"""Coverage of regions of 68 and 95 % with the defaults, over kinds of data, lengths of arcs and worlds.
 
-What the fit considers is drawn with the sigmas that it has of it; what the fit is to find out itself, such as the size
-of the noise, is drawn otherwise than stated. Bounds are those of chance for all cells together.
+Consider parameters are drawn with their sigmas. Quantities that the fit estimates, such as the size of the noise,
+differ from the stated ones. Bounds hold for all cells together.
 """
 
 import pytest
-from coverage_cells import CELLS, DATA, UNTOLD, bounds, held
+from coverage_cells import CELLS, DATA, UNCOVERED, bounds, held
 
 pytestmark = pytest.mark.slow
 
 TRIALS = 100
-TOLD = [cell for cell in CELLS if cell[0] not in UNTOLD]
+COVERED_CELLS = [cell for cell in CELLS if cell[0] not in UNCOVERED]
 
 
-@pytest.mark.parametrize(("world", "data", "hours"), TOLD)
-def test_regions_hold_what_they_claim(world, data, hours):
+@pytest.mark.parametrize(("world", "data", "hours"), COVERED_CELLS)
+def test_regions_have_the_claimed_coverage(world, data, hours):
     for (_, level), count in held(data, hours, world, TRIALS).items():
-        low, high = bounds(TRIALS, level, 4 * len(TOLD))
+        low, high = bounds(TRIALS, level, 4 * len(COVERED_CELLS))
         assert low <= count <= high
 
 
 @pytest.mark.parametrize("data", DATA)
-def test_what_no_data_tell_is_not_covered(data):
-    """Errors that are twice as large as they are taken to be, and half."""
+def test_wrong_apriori_sigmas_are_not_covered(data):
+    """Draw errors of twice and half the a-priori sigmas."""
     low, high = bounds(TRIALS, 0.68, 2 * len(DATA))
-    twice, half = (held(data, 12.0, world, TRIALS)["horizontal", 0.68] for world in UNTOLD)
-    assert twice < low
+    double, half = (held(data, 12.0, world, TRIALS)["horizontal", 0.68] for world in UNCOVERED)
+    assert double < low
     assert half > high

@@ -1,4 +1,4 @@
-"""Observations to predict, and the points they go to: what tests of the measurement chain share."""
+"""Observations to predict and points on the Moon for tests of the measurement chain."""
 
 from dataclasses import fields, replace
 
@@ -21,7 +21,7 @@ _DE421_SPHERICAL = {
 }
 
 LASER = {"pressure_hpa": 780.0, "temperature_k": 280.0, "relative_humidity": 0.3, "wavelength_um": 0.532}
-"""Weather and wavelength that the troposphere model takes."""
+"""Weather and wavelength of laser ranging."""
 
 START_TAI_JD = 2459185.5
 """2020-12-02."""
@@ -32,7 +32,7 @@ def _cartesian(radius_m: float, latitude_deg: float, longitude_deg: float) -> np
     return radius_m * np.array([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)])
 
 
-REFLECTORS_PA_M = {name: _cartesian(*where) for name, where in _DE421_SPHERICAL.items()}
+REFLECTORS_PA_M = {name: _cartesian(*place) for name, place in _DE421_SPHERICAL.items()}
 APOLLO15_PA_M = REFLECTORS_PA_M["apollo15"]
 APOLLO15 = FixedPoint(APOLLO15_PA_M)
 
@@ -40,7 +40,7 @@ APOLLO15 = FixedPoint(APOLLO15_PA_M)
 def observations(
     path: str, tai: Epochs, tag: str = "transmit", kind: str = "range", **columns: object
 ) -> Observations:
-    """Observations at epochs of TAI over one path such as ``KASHI>x>JIAMUSI``; the values mean nothing."""
+    """Return observations with arbitrary values at epochs of TAI on one path such as ``KASHI>x>JIAMUSI``."""
     return Observations.from_columns(
         epoch=tai_to_utc(tai),
         links=[Link.from_path(path)],
@@ -53,19 +53,21 @@ def observations(
 def epochs_tai(
     count: int, hours: float, start_jd: float = START_TAI_JD, start_fraction: float = 0.0
 ) -> Epochs:
-    """Evenly spaced epochs of TAI, both ends included."""
+    """Return evenly spaced epochs of TAI, both ends included."""
     return Epochs.from_jd(start_jd, start_fraction + np.linspace(0.0, hours / 24.0, count), "TAI")
 
 
 def with_predictions_after_2_december(model: PhysicalModel) -> PhysicalModel:
-    """The model with Earth orientation predicted from 4 December 2020 on, which the cubic of 2 December uses."""
+    """Mark Earth orientation from 4 December 2020 on, which the cubic of 2 December uses, as predicted."""
     table = model.earth.table
     return replace(model, earth=EarthOrientation(replace(table, predicted=table.mjd_utc >= 59187.0)))
 
 
-def assert_same(one: Computed, other: Computed, atol: float = 0.0) -> None:
-    """All columns are equal, but for numbers within a tolerance."""
-    for field in fields(one):
-        first, second = getattr(one, field.name), getattr(other, field.name)
+def assert_same(first: Computed, second: Computed, atol: float = 0.0) -> None:
+    """Compare all columns, numbers within a tolerance."""
+    for field in fields(first):
+        values, expected = getattr(first, field.name), getattr(second, field.name)
         exact = field.name == "status" or atol == 0.0
-        np.testing.assert_allclose(first, second, rtol=0.0, atol=0.0 if exact else atol, err_msg=field.name)
+        np.testing.assert_allclose(
+            values, expected, rtol=0.0, atol=0.0 if exact else atol, err_msg=field.name
+        )

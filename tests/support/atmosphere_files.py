@@ -21,7 +21,7 @@ def rows_of(value: np.ndarray) -> list[str]:
 def ionex_text(
     field: Field, day: int = 15, hours: tuple[float, ...] = (0, 2, 4, 6), exponent: int = -1, rms: bool = True
 ) -> str:
-    """IONEX 1.0 file of a field of latitude, longitude (degrees) and hour since 2019-01-15."""
+    """Return an IONEX 1.0 file of a field of latitude, longitude (degrees) and hour since 2019-01-15."""
 
     def epoch(hour: float) -> str:
         return f"{2019:6d}{1:6d}{day + int(hour) // 24:6d}{int(hour) % 24:6d}{0:6d}{0:6d}"
@@ -86,7 +86,7 @@ VMF3_LONGITUDES = np.arange(2.5, 360.0, 5.0)
 
 
 def vmf3_map_text(hour: int, kind: str = "VMF3", shift: float = 0.0, tail: str = "") -> str:
-    """Map whose values are linear in latitude and time, and along a parallel stand on one height."""
+    """Return a map with values linear in latitude and time, at one height along a parallel."""
     lines = [
         "! Version:            1.0",
         f"! Data_types:         {kind} (lat lon ah aw zhd zwd)",

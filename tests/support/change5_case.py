@@ -1,4 +1,4 @@
-"""A small simulated tracking of the Chang'e-5 landing site: what tests of arc lengths share."""
+"""Small simulated tracking of the Chang'e-5 landing site."""
 
 from radioloc import LunarPosition, Observations
 from radioloc.measurements import PhysicalModel
@@ -48,7 +48,7 @@ def sessions(
     vlbi: tuple[str, ...] = VLBI,
     one_uplink: bool = True,
 ) -> list[Session]:
-    """Ranges of 1 m by all pairs of stations and delays of 0.3 m on all baselines."""
+    """Return ranges of 1 m for all pairs of stations and delays of 0.3 m for all baselines."""
     ranges = Session("range", all_ranges(*stations), START, stop, step_s, sigma_m=1.0, one_uplink=one_uplink)
     return [
         ranges,
@@ -65,14 +65,14 @@ def world(
     one_uplink: bool = True,
     bias_m: dict[str, float] | None = None,
 ) -> World:
-    """Ranges of 1 m by three stations and, if wanted, delays of 0.3 m on six baselines; all but their noise."""
+    """Return the world of ranges by three stations and of delays on six baselines, without noise."""
     planned = sessions(step_s, stop, vlbi=VLBI if vlbi else (), one_uplink=one_uplink)
     truth = Truth(range_bias_m=BIAS_M if bias_m is None else bias_m)
     return Scenario(Schedule(planned), LANDER, truth).world(model)
 
 
 def observations(model: PhysicalModel, step_s: float, *, seed: int = 1, **options: object) -> Observations:
-    """The same with noise."""
+    """Return observations of :func:`world` with noise."""
     return world(model, step_s, **options).draw(NOISE, seed=seed).observations  # type: ignore[arg-type]
 
 

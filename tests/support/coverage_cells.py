@@ -1,9 +1,8 @@
-"""Worlds whose errors are drawn as the fit considers them, or otherwise, and how often regions of fits hold the truth.
+"""Coverage of confidence regions in worlds with the errors of the fit's model, and with other errors.
 
-A cell is a kind of data, a length of arc and a kind of noise, or how the world differs from what the fit is told.
-Tracking of the Chang'e-5 lander, one point in five minutes, is drawn and fitted by the trials of a Monte Carlo study,
-which are the fits of `locate`. Run by itself, with a file and numbers of trials and of processes, it draws all cells as
-a figure and prints them.
+A cell is a kind of data, a length of arc and a kind of noise or of difference from the model of the fit. Tracking of
+the Chang'e-5 lander, one point in five minutes, is simulated and fitted by the trials of a Monte Carlo study, which are
+the fits of `locate`. As a script, with a file and numbers of trials and of processes, it draws and prints all cells.
 """
 
 import sys
@@ -43,7 +42,7 @@ from radioloc.study import EstimateChoice, HeightPrior, ModelChoice
 HOURS = (48.0, 24.0, 12.0)
 LEVELS = (0.68, 0.95)
 SIDES = ("east", "north", "up")
-AT_ONCE = 25
+CHUNK_TRIALS = 25
 DATA = ("ranges", "delays", "both")
 STEP_S, STOP = 300.0, "2020-12-03T15:10:00"
 RANGE_M, DELAY_M, BIAS_M, HEIGHT_M = 2.0, 0.4, 10.0, 5.0
@@ -60,20 +59,20 @@ FLICKER = NoiseModel(
     {"range": Noise(white_m=1.4, flicker_m=1.0), "vlbi_delay": Noise(white_m=0.3, flicker_m=0.1)}
 )
 NOISE = {"white": WHITE, "Gauss-Markov": GAUSS_MARKOV, "flicker": FLICKER}
-TWICE = NoiseModel({"range": Noise(white_m=2.0 * RANGE_M), "vlbi_delay": Noise(white_m=2.0 * DELAY_M)})
+DOUBLE = NoiseModel({"range": Noise(white_m=2.0 * RANGE_M), "vlbi_delay": Noise(white_m=2.0 * DELAY_M)})
 SHARED = NoiseModel(
     {"range": Noise(white_m=RANGE_M), "vlbi_delay": Noise(white_m=0.2)}, vlbi_station=Noise(white_m=0.25)
 )
 NOISY_M = {"KASHI": 3.0 * RANGE_M, "MIYUN50": 2.0 * DELAY_M}
-"""Ranges received at one station, and arrivals at one for VLBI, of which the fit is not told."""
+"""Larger noise of ranges at one station and of VLBI arrivals at another, unknown to the fit."""
 DRIFT = " drift"
 DRIFT_M = 0.03
-"""By how much the zenith delay differs from its mean at the ends of a pass, 1 sigma."""
+"""Sigma of the drift of the zenith delay at the ends of a pass."""
 
 
 @cache
 def prepared(data: str, hours: float) -> tuple[Plan, LinearTrials]:
-    """The plan of an arc, and its trials, in which all that the fit considers is drawn with its sigma."""
+    """Return the plan of an arc, and its trials, in which consider parameters are drawn with their sigmas."""
     signal = {"wavelength_um": 35394.6}
     ranging = Session(
         "range",
@@ -120,65 +119,65 @@ def prepared(data: str, hours: float) -> tuple[Plan, LinearTrials]:
 
 
 def drawing(linear: LinearTrials, drawn: DrawnErrors) -> LinearTrials:
-    """The same with more drawn errors behind the others; they leave the true position where it is."""
-    more = len(drawn.names) - len(linear.drawn.names)
+    """Append drawn errors that do not shift the true position."""
+    count = len(drawn.names) - len(linear.drawn.names)
 
     def padded(arc: LinearArc) -> LinearArc:
-        by_drawn = np.pad(arc.compared.by_drawn, ((0, 0), (0, 0), (0, more)))
+        by_drawn = np.pad(arc.compared.by_drawn, ((0, 0), (0, 0), (0, count)))
         return replace(arc, compared=replace(arc.compared, by_drawn=by_drawn))
 
     return replace(linear, drawn=drawn, arcs=tuple(map(padded, linear.arcs)))
 
 
 def noisy_station(plan: Plan, linear: LinearTrials) -> LinearTrials:
-    """One station for ranges and one for VLBI are noisier than the others."""
+    """Increase the noise of a station for ranges and of another for VLBI."""
     at_station = replace(WHITE, vlbi_station=Noise(white_m=1.0))
     series = []
-    for one in NoiseDraws.of(at_station, plan).series:
-        where = one.label.split()[1]  # a path, or a station
-        white_m = one.noise.white_m if ">" in where else 0.0
-        white_m = NOISY_M.get(where.rpartition(">")[2] if one.label.startswith("range") else where, white_m)
-        series.append(replace(one, noise=Noise(white_m=white_m)))
+    for item in NoiseDraws.of(at_station, plan).series:
+        name = item.label.split()[1]  # path or station
+        white_m = item.noise.white_m if ">" in name else 0.0
+        white_m = NOISY_M.get(name.rpartition(">")[2] if item.label.startswith("range") else name, white_m)
+        series.append(replace(item, noise=Noise(white_m=white_m)))
     return replace(linear, draws=NoiseDraws(linear.draws.count, tuple(series)))
 
 
 def drifting_air(plan: Plan, linear: LinearTrials) -> LinearTrials:
-    """Zenith delays, which are considered as one a pass, change steadily during it as well."""
+    """Add linear drifts to zenith delays, which the fit considers as constant in a pass."""
     drawn, time_s = linear.drawn, linear.arcs[0].order.time_s
     names, partials = [], []
     for name, partial in zip(drawn.names, drawn.partials, strict=True):
         if name.startswith("zenith_delay."):
-            seen = np.flatnonzero(partial)
-            middle_s, half_s = 0.5 * (time_s[seen].max() + time_s[seen].min()), 0.5 * np.ptp(time_s[seen])
+            rows = np.flatnonzero(partial)
+            middle_s, half_s = 0.5 * (time_s[rows].max() + time_s[rows].min()), 0.5 * np.ptp(time_s[rows])
             names.append(name + DRIFT)
             partials.append(partial * (time_s - middle_s) / half_s)
     sigmas = np.concatenate([drawn.sigmas, np.full(len(names), DRIFT_M)])
-    more = DrawnErrors((*drawn.names, *names), sigmas, np.concatenate([drawn.partials, partials]))
-    return with_noise(WHITE)(plan, drawing(linear, more))
+    extended = DrawnErrors((*drawn.names, *names), sigmas, np.concatenate([drawn.partials, partials]))
+    return with_noise(WHITE)(plan, drawing(linear, extended))
 
 
 def considered(factor: float) -> Callable[[Plan, LinearTrials], LinearTrials]:
-    """What the fit considers, and biases and the height, are off by so many times their sigmas."""
+    """Scale the drawn errors of consider parameters, biases and height."""
     return lambda plan, linear: with_noise(WHITE)(
         plan, replace(linear, drawn=replace(linear.drawn, sigmas=factor * linear.drawn.sigmas))
     )
 
 
 def with_noise(noise: NoiseModel) -> Callable[[Plan, LinearTrials], LinearTrials]:
-    """The matched world with some noise."""
+    """Return the matched world with some noise."""
     return lambda plan, linear: replace(linear, draws=NoiseDraws.of(noise, plan))
 
 
 COVERED = {
-    "twice the stated sigmas": with_noise(TWICE),
+    "twice the stated sigmas": with_noise(DOUBLE),
     "one noisy station": noisy_station,
     "delays share errors": with_noise(SHARED),
     "zenith delays drift": drifting_air,
 }
-"""Worlds that the fit is not told of, and is to cover."""
-UNTOLD = {"a-priori errors twice": considered(2.0), "a-priori errors half": considered(0.5)}
-"""What no data tell."""
-WORLDS = {name: with_noise(noise) for name, noise in NOISE.items()} | COVERED | UNTOLD
+"""Worlds that the regions cover although the fit has another noise model."""
+UNCOVERED = {"a-priori errors twice": considered(2.0), "a-priori errors half": considered(0.5)}
+"""Worlds with wrong a-priori sigmas, which data cannot reveal."""
+WORLDS = {name: with_noise(noise) for name, noise in NOISE.items()} | COVERED | UNCOVERED
 CELLS = [
     (world, data, hours)
     for world in (*NOISE, *COVERED)
@@ -187,22 +186,22 @@ CELLS = [
     if (world, data) != ("delays share errors", "ranges")  # which is white noise
 ]
 CELLS.sort(key=lambda cell: (list(WORLDS).index(cell[0]), DATA.index(cell[1]), cell[2]))
-CELLS += [(world, data, 12.0) for world in UNTOLD for data in DATA]
+CELLS += [(world, data, 12.0) for world in UNCOVERED for data in DATA]
 
 
 def held(data: str, hours: float, world: str, trials: int) -> dict[tuple[str, float], int]:
-    """In how many trials regions hold the truth, by region and level; each cell has draws of its own."""
+    """Count the trials with the truth in regions, by region and level; each cell has independent draws."""
     seed = zlib.crc32(f"{data} {hours} {world}".encode())
     linear = WORLDS[world](*prepared(data, hours))
-    chunks = [range(k, min(k + AT_ONCE, trials)) for k in range(0, trials, AT_ONCE)]
+    chunks = [range(k, min(k + CHUNK_TRIALS, trials)) for k in range(0, trials, CHUNK_TRIALS)]
     with threadpool_limits(1):
         values = np.concatenate([linear.run(seed, chunk) for chunk in chunks])[:, 0]
-    found = dict(zip(linear.columns, values.T, strict=True))
-    assert found["converged"].all()
-    error_m = np.stack([found[f"{side}_m"] for side in SIDES], axis=1)
-    sigma_m = np.stack([found[f"sigma_{side}_m"] for side in SIDES], axis=1)
+    columns = dict(zip(linear.columns, values.T, strict=True))
+    assert columns["converged"].all()
+    error_m = np.stack([columns[f"{side}_m"] for side in SIDES], axis=1)
+    sigma_m = np.stack([columns[f"sigma_{side}_m"] for side in SIDES], axis=1)
     covariance_m2 = sigma_m[:, :, None] * sigma_m[:, None] * np.eye(3) + undetected_covariance_m2(linear)
-    covariance_m2[:, [0, 1], [1, 0]] += (found["correlation_east_north"] * sigma_m[:, 0] * sigma_m[:, 1])[
+    covariance_m2[:, [0, 1], [1, 0]] += (columns["correlation_east_north"] * sigma_m[:, 0] * sigma_m[:, 1])[
         :, None
     ]
     horizontal_m = np.linalg.solve(covariance_m2[:, :2, :2], error_m[:, :2, None])[..., 0]
@@ -235,19 +234,19 @@ def undetected_covariance_m2(linear: LinearTrials) -> np.ndarray:
 
 
 def bounds(trials: int, level: float, compared: int, chance: float = 0.01) -> tuple[int, int]:
-    """Successes that right regions keep to but for a chance in any of so many comparisons (Bonferroni)."""
+    """Return bounds of the counts of correct regions for a number of comparisons (Bonferroni)."""
     low, high = binom.ppf([0.5 * chance / compared, 1.0 - 0.5 * chance / compared], trials, level)
     return int(low), int(high)
 
 
 def draw(file: str, trials: int, processes: int) -> None:
-    """Fractions of all cells, a panel for each region, with the bounds of chance; told as a table as well."""
+    """Draw fractions of all cells with their bounds, a panel for each region, and print them."""
     import matplotlib.pyplot as plt
 
-    order = sorted(CELLS, key=lambda cell: cell[1:])  # those of one plan together
+    order = sorted(CELLS, key=lambda cell: cell[1:])  # groups cells of one plan
     with ProcessPoolExecutor(processes) as pool:
-        found = pool.map(held, *zip(*[(d, h, w) for w, d, h in order], strict=True), [trials] * len(order))
-        of_cell = dict(zip(order, found, strict=True))
+        results = pool.map(held, *zip(*[(d, h, w) for w, d, h in order], strict=True), [trials] * len(order))
+        of_cell = dict(zip(order, results, strict=True))
     counts = [of_cell[cell] for cell in CELLS]
     for cell, count in zip(CELLS, counts, strict=True):
         print(*cell, *count.values(), sep=", ")

@@ -1,6 +1,6 @@
-"""Linear delays between stations at many epochs, with the dense algebra that the library's blocks must agree with.
+"""Linear delays between stations at many epochs, with dense algebra for comparison.
 
-A station's partials are those of its arrival time; a delay has its second station's less its first one's.
+A delay has the arrival time of its second station less that of its first.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ OWN_M, STATION_M = 0.1, 0.4
 
 @dataclass(frozen=True)
 class DelayNetwork:
-    """Rows in the order of their epochs, ranges (which share nothing) last."""
+    """Delays in the order of their epochs, then ranges with independent errors."""
 
     first: NDArray[np.intp]
     second: NDArray[np.intp]
@@ -38,9 +38,9 @@ class DelayNetwork:
         design = np.vstack(
             [arrival[epoch, second] - arrival[epoch, first], rng.normal(size=(ranges, columns))]
         )
-        alone = np.full(ranges, ALONE)
+        ungrouped = np.full(ranges, ALONE)
         return cls(
-            np.append(first, alone), np.append(second, alone), np.append(epoch, alone), design,
+            np.append(first, ungrouped), np.append(second, ungrouped), np.append(epoch, ungrouped), design,
             np.full(len(design), own_m), station_m,
         )  # fmt: skip
 
@@ -61,7 +61,7 @@ class DelayNetwork:
 
     @property
     def covariance(self) -> NDArray[np.float64]:
-        """Of all rows, dense."""
+        """Dense covariance of all rows."""
         a = self.station_m * self.incidence
         return np.diag(self.own_m**2) + a @ a.T
 
@@ -83,9 +83,9 @@ class DelayNetwork:
         return lambda x: (observed_m - self.design @ x, self.design)
 
     def generalized(self, observed_m):
-        """Generalized least squares from the dense covariance: estimate, its covariance, sum of squares."""
+        """Return the generalized least squares estimate, its covariance and the sum of squares."""
         weight = np.linalg.inv(self.covariance)
         covariance = np.linalg.inv(self.design.T @ weight @ self.design)
         x = covariance @ self.design.T @ weight @ observed_m
-        left_m = observed_m - self.design @ x
-        return x, covariance, float(left_m @ weight @ left_m)
+        residual_m = observed_m - self.design @ x
+        return x, covariance, float(residual_m @ weight @ residual_m)

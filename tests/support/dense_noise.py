@@ -1,4 +1,4 @@
-"""Observation covariance written out term by term, which the library's whiteners must agree with."""
+"""Dense observation covariance, term by term, for comparison with whiteners."""
 
 import numpy as np
 
@@ -6,12 +6,12 @@ from radioloc.noise import ALONE, DopplerPhase, GaussMarkov, SharedAtEpoch, Whit
 
 
 def dense(covariance):
-    """R of all observations, (n, n)."""
+    """Return R of all observations, (n, n)."""
     return sum(_term(term) for term in covariance.terms)
 
 
 def information(whitener, columns):
-    """A^T R^-1 A from whitened columns."""
+    """Return A^T R^-1 A from whitened columns."""
     whitened = np.concatenate([part.copy() for part in whitener.whitened(lambda rows: columns[rows])])
     return whitened.T @ whitened
 
@@ -21,13 +21,13 @@ def _term(term):
         case White():
             return np.diag(term.sigma_m**2)
         case SharedAtEpoch():
-            same = (term.group[:, None] == term.group) & (term.group != ALONE)
+            in_group = (term.group[:, None] == term.group) & (term.group != ALONE)
             sources = int(term.source.max()) + 1
             effect_m = sum(
                 np.eye(sources)[source] * effect[:, None]
                 for source, effect in zip(term.source.T, term.effect_m.T, strict=True)
             )
-            return same * (effect_m @ effect_m.T)
+            return in_group * (effect_m @ effect_m.T)
         case DopplerPhase():
             names = sorted({(link, number) for link, *ends in _ends(term) for number in ends})
             effect_m = np.zeros((len(term.link), len(names)))
@@ -41,9 +41,9 @@ def _term(term):
             between_s = np.abs(term.time_s[:, None] - term.time_s)
             for k, process in enumerate(term.processes):
                 effect = (term.sign * (term.process == k)).sum(axis=1)
-                same = np.exp(-between_s / process.tau_s) if process.tau_s else between_s == 0.0
+                correlation = np.exp(-between_s / process.tau_s) if process.tau_s else between_s == 0.0
                 walk_s = np.minimum(term.time_s[:, None], term.time_s) - process.start_s
-                variance_m2 = process.variance_m2 * same + process.walk_m2_s * walk_s
+                variance_m2 = process.variance_m2 * correlation + process.walk_m2_s * walk_s
                 covariance += np.outer(effect, effect) * variance_m2
             return covariance
 

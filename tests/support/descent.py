@@ -1,4 +1,4 @@
-"""A powered descent to the Moon as a study: from 15 km to the ground in twelve minutes, tracked by three stations."""
+"""Powered descent to the Moon as a study: from 15 km to the ground in twelve minutes, tracked by three stations."""
 
 from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
@@ -20,7 +20,7 @@ BRAKING_M, GM_M3_S2, RADIUS_M = 15e3, 4.9028e12, 1737.4e3
 
 
 def thrust_m_s2(after_s, length_s, height_m=SITE[2]):
-    """Radial and transverse thrust that leads from an orbit's lowest point to rest at a height, shape (n, 3)."""
+    """Return the radial and transverse thrust from periselene to rest at a height, shape (n, 3)."""
     s = after_s / length_s
     drop_m = BRAKING_M - height_m
     r = RADIUS_M + height_m + drop_m * (1.0 - 10.0 * s**3 + 15.0 * s**4 - 6.0 * s**5)
@@ -35,7 +35,7 @@ def thrust_m_s2(after_s, length_s, height_m=SITE[2]):
 
 @dataclass(frozen=True)
 class Descent:
-    """What is drawn of a descent, and how it is tracked and fitted."""
+    """Random errors of a descent, its tracking and its fit."""
 
     seed: int = 0
     spread: float = 0.005  # of the true throttle, and of the attitude in rad, by segment
@@ -52,20 +52,20 @@ class Descent:
     degree: int = 8
     site: tuple[float, float, float] = SITE
 
-    def written(self, path: Path, more: str = "", **changes: object) -> Path:
-        """The study, in a file."""
-        path.write_text(f"{replace(self, **changes).text()}\n{more}\n")
+    def written(self, path: Path, tables: str = "", **changes: object) -> Path:
+        """Write the study to a file, with further tables."""
+        path.write_text(f"{replace(self, **changes).text()}\n{tables}\n")
         return path
 
     def text(self) -> str:
-        """The study, whose truth has another thrust than the plan; its a-priori state is near the true one."""
+        """Return the study; its truth has another thrust than the plan, and its a-priori state an error."""
         random = np.random.default_rng(self.seed)
         touchdown = epochs_from_strings(TOUCHDOWN, "TDB")
         planned, true = self._segments(self.planned_s), self._segments(self.true_s)
         throttle, pitch, yaw = random.normal(0.0, self.spread, (3, len(true[1]), 1))
-        radial, along, _ = true[1].T
-        size = np.hypot(radial, along)
-        turned = np.stack([-along * pitch[:, 0], radial * pitch[:, 0], size * yaw[:, 0]], axis=-1)
+        radial, transverse, _ = true[1].T
+        size = np.hypot(radial, transverse)
+        turned = np.stack([-transverse * pitch[:, 0], radial * pitch[:, 0], size * yaw[:, 0]], axis=-1)
         true = (true[0], true[1] * (1.0 + throttle) + turned)
         epoch = touchdown.shifted(-self.before_s)
         state = self._true_state(touchdown, true) + random.normal(0.0, 1.0, 6) * np.repeat([100.0, 0.1], 3)
@@ -121,19 +121,19 @@ white_m = {self.doppler_sigma_m_s * self.step_s}
     def _date(after_s: float) -> str:
         return str(utc_strings(epochs_from_strings(TOUCHDOWN, "TDB").shifted(after_s), 3)[0])
 
-    def _tables(self, name: str, segments: tuple[np.ndarray, np.ndarray], more: str) -> str:
+    def _tables(self, name: str, segments: tuple[np.ndarray, np.ndarray], keys: str) -> str:
         starts_s, thrust = segments
         step_s = self.length_s / len(starts_s)
         return "".join(
             f'\n  {{ name = "{name}_{k + 1}", '
             f'start = "{self._date(start_s)}", stop = "{self._date(start_s + step_s)}", '
-            f"{more}constant_m_s2 = {vector.tolist()} }},"
+            f"{keys}constant_m_s2 = {vector.tolist()} }},"
             for k, (start_s, vector) in enumerate(zip(starts_s, thrust, strict=True))
         )
 
     def _true_state(self, touchdown, segments: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
-        """State at the epoch of the flight that ends at rest at the site, northward."""
-        rest, normal = at_rest(touchdown, self.site)
+        """Return the state at the epoch of the northward flight that ends at rest at the site."""
+        touchdown_state, normal = at_rest(touchdown, self.site)
         starts_s, thrust = segments
         step_s = self.length_s / len(starts_s)
         burns = tuple(
@@ -147,12 +147,19 @@ white_m = {self.doppler_sigma_m_s * self.step_s}
             for k, (start_s, vector) in enumerate(zip(starts_s, thrust, strict=True))
         )
         forces = Forces(GravityField.open("GRGM660PRIM", self.degree), accelerations=burns)
-        flight = propagate(touchdown, rest[:3], rest[3:], forces, (-self.before_s, 0.0), touchdown=touchdown)
+        flight = propagate(
+            touchdown,
+            touchdown_state[:3],
+            touchdown_state[3:],
+            forces,
+            (-self.before_s, 0.0),
+            touchdown=touchdown,
+        )
         return np.concatenate(flight.states(touchdown.shifted(-self.before_s)), axis=-1)[0]
 
 
 def at_rest(epoch, site=SITE) -> tuple[np.ndarray, np.ndarray]:
-    """State of a place at an epoch, and the normal of the plane through it and the pole, ICRF."""
+    """Return the state of a place at an epoch, and the normal of its meridian plane, ICRF."""
     angles_rad, rates_rad_s = LunarOrientation.open().angles(epoch)
     rot, rate = rot_icrf_to_pa(angles_rad)[0], rot_icrf_to_pa_rate(angles_rad, rates_rad_s)[0]
     place_pa_m = LunarPosition.from_selenographic(*site).to_frame("PA_DE421").xyz_m

@@ -1,4 +1,4 @@
-"""Where the real images of descents lie, which do not ship; tests of them skip where they are not."""
+"""Real images of descents, which are not part of the project; their tests are skipped without them."""
 
 from pathlib import Path
 
@@ -8,7 +8,7 @@ import pytest
 FOLDER = Path(__file__).parents[2].parent / "shared" / "data" / "images"
 NAMES = ("1801", "1831", "1861", "1891")
 BOX = {"1801": (82.0, 83.0), "1831": (79.0, 145.0), "1861": (78.0, 207.5), "1891": (68.5, 258.0)}
-"""Centre of the box drawn about one crater, good to some 2 pixels (sample, line)."""
+"""Centre of the box drawn about one crater, within some 2 pixels (sample, line)."""
 
 needs_images = pytest.mark.skipif(
     not FOLDER.is_dir(), reason=f"the real images are not in {FOLDER}; they may not be passed on"

@@ -1,4 +1,4 @@
-"""Descents whose ground, site, Suns, heading, attitude, map and its shift are all drawn, from one seed each."""
+"""Descents with random ground, site, Suns, heading, attitude, map and shift of the map, by seed."""
 
 import json
 import tempfile
@@ -29,19 +29,19 @@ TIE_M = (5.0, 40.0)
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came of one descent."""
+    """Result of one descent."""
 
     seed: int
-    refused: str  # why there is no position; empty where there is one
+    refused: str  # reason without position, else empty
     map_pixel_m: float
     suns_apart_deg: float  # in azimuth
-    error_m: tuple[float, float] = (np.nan, np.nan)  # east and north of truth, the planted shift taken off
-    relative: float = np.nan  # that error squared, in units of the covariance without the map's tie,
-    total: float = np.nan  # and the error with the shift, in units of the whole covariance
+    error_m: tuple[float, float] = (np.nan, np.nan)  # east and north, less the planted shift
+    relative: float = np.nan  # chi squared of that error by the covariance without the map's tie
+    total: float = np.nan  # chi squared of the error with the shift by the total covariance
 
     @property
     def pixels(self) -> float:
-        """The error in pixels of the map."""
+        """Error in pixels of the map."""
         return float(np.hypot(*self.error_m)) / self.map_pixel_m
 
 
@@ -86,19 +86,19 @@ def _located(seed: int, folder: Path) -> Outcome:
         CameraChoice(FOCAL_MM, PIXEL_UM, distortion=DISTORTION),
     )
     try:
-        found = radioloc.imaging.locate_images(study)
+        solution = radioloc.imaging.locate_images(study)
     except RadiolocError as error:
         return Outcome(seed, str(error), pixel_m, apart_deg)
     truth = json.loads((folder / "truth.json").read_text())["lander"]
     at_truth = TangentPlane(truth["longitude_deg"], truth["latitude_deg"])
-    whole_m = at_truth.from_longitude_latitude([found.position.selenographic[:2]])[0]
-    error_m = whole_m - shift_m
-    relative = error_m @ np.linalg.solve(found.relative_covariance_en_m2, error_m)
-    total = whole_m @ np.linalg.solve(found.covariance_enu_m2[:2, :2], whole_m)
-    return Outcome(seed, found.message, pixel_m, apart_deg, tuple(error_m), float(relative), float(total))
+    total_m = at_truth.from_longitude_latitude([solution.position.selenographic[:2]])[0]
+    error_m = total_m - shift_m
+    relative = error_m @ np.linalg.solve(solution.relative_covariance_en_m2, error_m)
+    total = total_m @ np.linalg.solve(solution.covariance_enu_m2[:2, :2], total_m)
+    return Outcome(seed, solution.message, pixel_m, apart_deg, tuple(error_m), float(relative), float(total))
 
 
 def outcomes(seeds: Iterable[int]) -> list[Outcome]:
-    """Of many descents, each in one of as many processes as there are processors."""
+    """Return the outcomes of descents, in parallel processes."""
     with ProcessPoolExecutor(mp_context=get_context("spawn")) as pool:
         return list(pool.map(outcome, seeds))

@@ -1,9 +1,9 @@
-"""Make the files of examples/dsn: an orbit data file of a lander that nobody landed.
+"""Make the files of examples/dsn: an orbit data file of a fictitious lander.
 
     PYTHONPATH=src:tests/support python tests/support/dsn_pass.py [DIR]
 
-Light times are the library's, at a constant frequency; what the stations send, the cycles received and the bits of the
-records are made here. So the residuals of the example prove how ramps and records are read.
+Light times at a constant frequency are those of the library. Uplink frequencies, received cycles and bits of
+the records are independent, so that the residuals of the example validate the reading of ramps and records.
 """
 
 import sys
@@ -20,12 +20,12 @@ from radioloc.measurements.registry import kind_of
 from radioloc.time import epochs_from_strings, tai_to_utc, utc_to_tai
 
 LANDER = LunarPosition.from_selenographic(31.25, 8.4, -1750.0, "ME_DE421")
-"""Where it stands; the study begins a kilometre away."""
+"""True position; the study begins a kilometre away."""
 SPACECRAFT = 999
 DAY = "2020-12-02"
 DAY_S = 2238019200  # from 1950, without leap seconds
 X_UP_HZ, OSCILLATOR = 7187.5e6, 1.2e-7
-"""The first uplink frequency, and by which part of it the lander's own oscillator is too fast."""
+"""First uplink frequency, and relative frequency offset of the lander's oscillator."""
 COUNT_S, RANGE_STEP_S = 10, 300
 LOWEST_COMPONENT = 14
 SIGMA_HZ, SIGMA_ONE_WAY_HZ, SIGMA_RANGE_M = 0.0013, 0.0013, 2.0
@@ -38,7 +38,7 @@ FILES = ("lander.odf",)
 
 
 def path_m(model, station, tag_s, one_way):
-    """Light path at the antenna, m, by seconds of day of reception there."""
+    """Return the light path at the antenna, m, by seconds of day of reception."""
     start = utc_to_tai(epochs_from_strings([DAY], "UTC"))
     name = f"DSS-{station}"
     plan = Observations.from_columns(
@@ -56,7 +56,7 @@ def path_m(model, station, tag_s, one_way):
 
 
 class Exciter:
-    """A frequency that follows the Moon: ramps of ten minutes, whole nanohertz per second."""
+    """Uplink frequency with ramps of ten minutes and whole nanohertz per second."""
 
     def __init__(self, first_s: int, last_s: int) -> None:
         self.start_s = np.arange(first_s - 1200, last_s + 600, 600)
@@ -68,7 +68,7 @@ class Exciter:
         self.cycles = np.concatenate([[0.0], np.cumsum(cycles)[:-1]])
 
     def excess(self, time_s):
-        """Cycles since the first ramp beyond those of the first frequency."""
+        """Return cycles since the first ramp in excess of those of the first frequency."""
         k = np.searchsorted(self.start_s, time_s, side="right") - 1
         since_s = time_s - self.start_s[k]
         return self.cycles[k] + (self.over_hz[k] + 0.5 * self.rate_hz_s[k] * since_s) * since_s
@@ -86,16 +86,16 @@ class Exciter:
 
 
 def split_hz(over_hz):
-    """Gigahertz, hertz and nanohertz of what a frequency has beyond the first."""
+    """Return gigahertz, hertz and nanohertz of a frequency, given relative to the first."""
     nanohertz = round(X_UP_HZ) * 10**9 + round(over_hz * 1e9)
     hertz, nano = divmod(nanohertz, 10**9)
     return {"frequency_ghz": hertz // 10**9, "frequency_hz": hertz % 10**9, "frequency_nhz": nano}
 
 
 def observable(value):
-    """Whole and billionths, both with the sign."""
-    whole = int(value)
-    return {"observable": whole, "observable_1e9": round((value - whole) * 1e9)}
+    """Return whole and billionths, both with the sign."""
+    integer = int(value)
+    return {"observable": integer, "observable_1e9": round((value - integer) * 1e9)}
 
 
 def reference(hertz):
@@ -104,7 +104,7 @@ def reference(hertz):
 
 
 def records(model, rng):
-    """Orbit data and ramps of all passes."""
+    """Return orbit data and ramps of all passes."""
     ratio = Fraction(880, 749)
     orbit, ramps = [], []
     for station, up_ns, down_ns, first_s, last_s, steps_hz in PASSES:
@@ -120,7 +120,7 @@ def records(model, rng):
             "spacecraft": SPACECRAFT,
             "independent": 1,
         }
-        # The beacon, with a reference at S band.
+        # Beacon with a reference at S band.
         tag_s = np.arange(first_s, locked_s, COUNT_S)
         ends_m = path_m(model, station, end_s(tag_s, down_ns), one_way=True).reshape(2, -1)
         reference_hz = round(X_UP_HZ * float(ratio) * 240 / 880, 3)  # records have millihertz
@@ -134,8 +134,8 @@ def records(model, rng):
                 | reference(reference_hz)
                 | observable(hertz)
             )
-        # Two-way, of cycles that were sent when the light path says.
-        both = common | {"transmitter": station, "uplink": 2, "exciter": 2, "transmitter_delay_ns": up_ns}
+        # Two-way, from the cycles at the time of transmission.
+        two_way = common | {"transmitter": station, "uplink": 2, "exciter": 2, "transmitter_delay_ns": up_ns}
         tag_s = np.arange(locked_s, last_s, COUNT_S)
         received_s = end_s(tag_s, down_ns)
         way_m = path_m(model, station, received_s, one_way=False)
@@ -146,10 +146,10 @@ def records(model, rng):
         part = len(tag_s) // len(steps_hz) + 1
         for k, time_s in enumerate(tag_s.tolist()):
             reference_hz = X_UP_HZ + steps_hz[k // part]
-            # The reference less what was sent, by the differences: times of day are good to a millimetre of light.
+            # Reference less received frequency, from differences: times of day are rounded to a millimetre of light.
             short_hz = X_UP_HZ * growth_m[k] / C_M_S / COUNT_S + steps_hz[k // part] - beyond[k] / COUNT_S
             orbit.append(
-                both
+                two_way
                 | {"type": 12, "time_s": DAY_S + time_s, "item_21": 100 * COUNT_S}
                 | reference(reference_hz)
                 | observable(float(ratio) * short_hz + noise_hz[k])
@@ -163,17 +163,17 @@ def records(model, rng):
         units = (cycles * 221 / (2 * 749)) % 2.0 ** (LOWEST_COMPONENT + 6)
         for time_s, value in zip(tag_s.tolist(), units.tolist(), strict=True):
             orbit.append(
-                both
+                two_way
                 | {"type": 37, "channel": LOWEST_COMPONENT, "time_s": DAY_S + time_s}
                 | reference(X_UP_HZ)
                 | observable(value)
             )
-    orbit.sort(key=lambda one: one["time_s"])
+    orbit.sort(key=lambda row: row["time_s"])
     return orbit, ramps
 
 
 def end_s(tag_s, down_ns):
-    """Starts and ends of counts at the antenna."""
+    """Return starts and ends of counts at the antenna."""
     return np.concatenate([tag_s - 0.5 * COUNT_S, tag_s + 0.5 * COUNT_S]) - 1e-9 * down_ns
 
 

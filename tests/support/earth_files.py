@@ -1,4 +1,4 @@
-"""Small files of what tracking needs to know of the Earth: its orientation, and the loading of its crust."""
+"""Small files of Earth models: orientation, and the loading of its crust."""
 
 from datetime import date, timedelta
 

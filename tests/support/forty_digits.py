@@ -1,8 +1,8 @@
-"""The model of a path in 40 digits, from barycentric vectors and the kernels' own coefficients: what tests share.
+"""Model of a path in 40 digits, from barycentric vectors and the coefficients of the kernels.
 
-The library works from the geocentre at the observation's epoch so that 1.5e11 m never enter a sum; here they do, but in
-40 digits. Independent of the library are the Chebyshev series, the rotation of the Moon, the light-time iteration and
-the vectors' origin. Not independent are TDB - TT (ERFA) and the rotation of the Earth, which only ERFA has.
+The library works from the geocentre at the epoch of the observation, which avoids sums with 1.5e11 m; 40 digits permit
+them. Chebyshev series, rotation of the Moon, light-time iteration and origin are independent of the library; TDB - TT
+and the rotation of the Earth are those of ERFA.
 """
 
 import erfa
@@ -21,7 +21,7 @@ def mpf(x):
 
 
 class FortyDigits:
-    """The same model written again, slowly, from the solar system's barycentre."""
+    """Model of a path from the barycentre of the solar system."""
 
     def __init__(self, terms):
         self.terms = terms
@@ -32,7 +32,7 @@ class FortyDigits:
 
     @staticmethod
     def series(segment, t):
-        """Value and derivative of a segment's three components, file's units and seconds."""
+        """Return values and derivatives of the three components of a segment, in units of the file and seconds."""
         length = mpf(segment.record_length_s)
         since = t - mpf(segment.first_record_s)
         record = int(mp.floor(since / length))
@@ -55,7 +55,7 @@ class FortyDigits:
         return mp.matrix(values), mp.matrix(rates)
 
     def body(self, code, t):
-        """Barycentric state, m and m/s."""
+        """Return the barycentric state, m and m/s."""
         centre = 0 if code == 10 else 3
         position, velocity = self.series(self.spk.segments_of(code, centre)[-1], t)
         if centre == 3:
@@ -66,59 +66,59 @@ class FortyDigits:
     @staticmethod
     def epochs(t, scale):
         days = t / 86400 + mp.mpf("0.5")
-        whole = mp.floor(days)
-        return Epochs.from_jd(2451544.5 + float(whole), float(days - whole), scale)
+        day = mp.floor(days)
+        return Epochs.from_jd(2451544.5 + float(day), float(days - day), scale)
 
     def geocentric_s(self, t):
         tdb = self.epochs(t, "TDB")
         return mpf(erfa.dtdb(tdb.jd, tdb.fraction, 0.0, 0.0, 0.0, 0.0)[0])
 
     def scaled(self, vector, velocity, potential_m2_s2, scale, lorentz):
-        """A body's own lengths as seen from the barycentre."""
+        """Return a length of a body in the barycentric frame."""
         c2 = mpf(C_M_S) ** 2
-        seen = vector.copy()
+        scaled = vector.copy()
         if scale in self.terms:
-            seen -= vector * (potential_m2_s2 / c2 + mpf(L_B) - mpf(L_G))
+            scaled -= vector * (potential_m2_s2 / c2 + mpf(L_B) - mpf(L_G))
         if lorentz in self.terms:
-            seen -= velocity * (velocity.T * vector)[0] / (2 * c2)
-        return seen
+            scaled -= velocity * (velocity.T * vector)[0] / (2 * c2)
+        return scaled
 
     def gm(self, name):
         return mpf(self.constants.gm_m3_s2(name))
 
     def station(self, itrf_m, t):
-        """Barycentric place of a station and its TDB - TT, at TDB seconds t."""
+        """Return the barycentric place of a station and its TDB - TT, at TDB seconds t."""
         earth_m, earth_m_s = self.body(399, t)
         geocentric_s = self.geocentric_s(t)
         topocentric_s = mp.mpf(0)
-        for _ in range(3):  # the station's own TT turns the Earth, which moves the station
+        for _ in range(3):  # TT of the station determines the rotation of the Earth
             tt = self.epochs(t - geocentric_s - topocentric_s, "TT")
             rotation = self.earth_orientation.evaluate(tt)
-            # The epoch's last place is 1e-11 s, over which the Earth turns by 5e-9 m.
+            # Epochs are rounded to 1e-11 s, in which the Earth turns by 5e-9 m.
             place = mp.matrix(rotation.rot_itrf_to_gcrs[0].tolist()) * mp.matrix([mpf(x) for x in itrf_m])
             topocentric_s = (earth_m_s.T * place)[0] / mpf(C_M_S) ** 2
         potential = self.gm("sun") / mp.norm(self.body(10, t)[0] - earth_m)
         potential += self.gm("moon") / mp.norm(self.body(301, t)[0] - earth_m)
-        seen = self.scaled(place, earth_m_s, potential, "earth_scale", "earth_lorentz")
-        return earth_m + seen, geocentric_s + topocentric_s
+        offset_m = self.scaled(place, earth_m_s, potential, "earth_scale", "earth_lorentz")
+        return earth_m + offset_m, geocentric_s + topocentric_s
 
     def reflector(self, pa_m, t):
         moon_m, moon_m_s = self.body(301, t)
         (phi, theta, psi), _ = self.series(self.pck.segments[0], t)
 
-        def about(axis, angle):
+        def turn(axis, angle):
             c, s = mp.cos(angle), mp.sin(angle)
             rows = [[c, s, 0], [-s, c, 0], [0, 0, 1]] if axis == "z" else [[1, 0, 0], [0, c, s], [0, -s, c]]
             return mp.matrix(rows)
 
-        rotation = about("z", psi) * about("x", theta) * about("z", phi)
+        rotation = turn("z", psi) * turn("x", theta) * turn("z", phi)
         place = rotation.T * mp.matrix([mpf(x) for x in pa_m])
         potential = self.gm("sun") / mp.norm(self.body(10, t)[0] - moon_m)
         potential += self.gm("earth") / mp.norm(self.body(399, t)[0] - moon_m)
         return moon_m + self.scaled(place, moon_m_s, potential, "lunar_scale", "lunar_lorentz")
 
     def value_m(self, transmitter_m, receiver_m, pa_m, tag, tt):
-        """Whole path for a tag at one epoch of TT (the station's own, or the geocentre's for the bounce)."""
+        """Return the path for a tag at one epoch of TT (of the station, or of the geocentre for the bounce)."""
         c = mpf(C_M_S)
         tt_s = mpf(tt.jd[0] - 2451545.0) * 86400 + mpf(tt.fraction[0]) * 86400
         owner = {"transmit": transmitter_m, "receive": receiver_m}.get(tag)
@@ -128,10 +128,10 @@ class FortyDigits:
         up = down = mp.mpf("1.3")
         for _ in range(10):
             bounce = {"transmit": tdb_s + up, "receive": tdb_s - down, "bounce": tdb_s}[tag]
-            there = self.reflector(pa_m, bounce)
-            sent, up_tdb_tt = self.station(transmitter_m, bounce - up)
-            back, down_tdb_tt = self.station(receiver_m, bounce + down)
-            new_up, new_down = mp.norm(there - sent) / c, mp.norm(back - there) / c
+            reflector_m = self.reflector(pa_m, bounce)
+            sent_m, up_tdb_tt = self.station(transmitter_m, bounce - up)
+            received_m, down_tdb_tt = self.station(receiver_m, bounce + down)
+            new_up, new_down = mp.norm(reflector_m - sent_m) / c, mp.norm(received_m - reflector_m) / c
             moved = abs(new_up - up) + abs(new_down - down)
             up, down = new_up, new_down
             if moved < mp.mpf("1e-17"):

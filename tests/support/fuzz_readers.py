@@ -1,4 +1,4 @@
-"""Gives every reader damaged copies of sound files; to be run by itself, for a process may end or ask for much memory.
+"""Give every reader damaged copies of valid files, in processes that may end or exhaust their memory.
 
     fuzz_readers.py FOLDER SEED SECONDS [TARGET ...]
 
@@ -6,9 +6,9 @@ runs each target, all of them by default, in a process of its own, SECONDS in al
 each. A process that ends or hangs is a failure, and another one goes on with the next seed.
 
 The outcome must be a result or a RadiolocError: one printable line of some hundred characters that names the file.
-Damage knows the structure of files: fields are exchanged, numbers go to extremes, lines and blocks are lost, repeated
-and moved, parts of other files put in, encodings changed. What was printed last names the damage that ended a process;
-the damaged file is kept.
+Damage follows the structure of files: exchanged fields, extreme numbers, lost, repeated and moved lines and blocks,
+parts of other files, other encodings. The last line printed names the damage that ended a process; the damaged file is
+kept.
 """
 
 import gzip
@@ -44,7 +44,7 @@ from radioloc.io.table import read_table, write_parquet
 from radioloc.kernels import find_kernel
 from radioloc.time import Epochs, epochs_from_strings
 
-MEMORY_BYTES = 1 << 30  # beyond what the process has when it starts to read
+MEMORY_BYTES = 1 << 30  # beyond the memory at the start of reading
 LONGEST_S = 20
 LONGEST_START_S = 120  # of a process on a busy machine, and its last file
 LONGEST_MESSAGE = 800
@@ -64,21 +64,21 @@ DOUBLES = (float("nan"), float("inf"), -1.0, 0.0, 1e300, -1e300, 1e-300, 100.0, 
 
 
 def replaced(text: str, pattern: re.Pattern[str], by: Callable[[str], str], rng: random.Random) -> str:
-    """The text with one match, of those in some thousand characters, made another."""
+    """Replace one match within some thousand characters of a text."""
     start = rng.randrange(max(1, len(text) - 4000)) if rng.random() < 0.3 else 0
-    found = list(pattern.finditer(text, start, start + 8000))
-    if not found:
+    matches = list(pattern.finditer(text, start, start + 8000))
+    if not matches:
         return text
-    match = rng.choice(found)
+    match = rng.choice(matches)
     return text[: match.start()] + by(match[0]) + text[match.end() :]
 
 
-def damaged_text(text: str, others: list[bytes], rng: random.Random) -> tuple[str, bytes]:
+def damaged_text(text: str, contents: list[bytes], rng: random.Random) -> tuple[str, bytes]:
     lines = text.split("\n")
     k, m = rng.randrange(len(lines)), rng.randrange(len(lines))
     kinds = "number number number scaled field swap lose repeat move insert encode bytes"
-    what = rng.choice(kinds.split())
-    match what:
+    kind = rng.choice(kinds.split())
+    match kind:
         case "number":
             text = replaced(text, NUMBER, lambda _: rng.choice(EXTREMES), rng)
         case "scaled":
@@ -87,9 +87,9 @@ def damaged_text(text: str, others: list[bytes], rng: random.Random) -> tuple[st
         case "field":
             text = replaced(text, FIELD, lambda _: rng.choice(EXTREMES), rng)
         case "swap":
-            taken: list[str] = []
-            replaced(text, FIELD, lambda field: taken.append(field) or field, rng)
-            text = replaced(text, FIELD, lambda _: "".join(taken), rng)
+            fields: list[str] = []
+            replaced(text, FIELD, lambda field: fields.append(field) or field, rng)
+            text = replaced(text, FIELD, lambda _: "".join(fields), rng)
         case "lose":
             del lines[min(k, m) : min(k, m) + rng.choice([1, 1, 2, 10, len(lines)])]
             text = "\n".join(lines)
@@ -109,22 +109,22 @@ def damaged_text(text: str, others: list[bytes], rng: random.Random) -> tuple[st
             )
         case "encode":
             encoding = rng.choice(["utf-16", "utf-16-le", "utf-32", "utf-8-sig", "cp037", "utf-7"])
-            return f"{what} {encoding}", text.encode(encoding, "replace")
+            return f"{kind} {encoding}", text.encode(encoding, "replace")
         case "bytes":
-            return damaged_bytes(text.encode(), others, rng)
-    return what, text.encode("utf-8", "surrogatepass")
+            return damaged_bytes(text.encode(), contents, rng)
+    return kind, text.encode("utf-8", "surrogatepass")
 
 
-def damaged_bytes(data: bytes, others: list[bytes], rng: random.Random) -> tuple[str, bytes]:
+def damaged_bytes(data: bytes, contents: list[bytes], rng: random.Random) -> tuple[str, bytes]:
     copy = bytearray(data)
-    # What decides is at the start or at the end; the middle is mostly numbers.
-    near = rng.choice([64, 1024, 4096, len(data)])
-    place = rng.randrange(min(near, len(data)))
+    # Headers are at the start or at the end; the middle is mostly numbers.
+    reach = rng.choice([64, 1024, 4096, len(data)])
+    place = rng.randrange(min(reach, len(data)))
     place = place if rng.random() < 0.6 else len(data) - 1 - place
-    what = rng.choice(
+    kind = rng.choice(
         ["flip", "flip", "integer", "double", "cut", "lose", "splice", "insert", "gzip", "gzip cut"]
     )
-    match what:
+    match kind:
         case "flip":
             for _ in range(rng.choice([1, 1, 4, 40])):
                 copy[rng.randrange(len(copy)) if rng.random() < 0.5 else place] = rng.randrange(256)
@@ -143,9 +143,9 @@ def damaged_bytes(data: bytes, others: list[bytes], rng: random.Random) -> tuple
         case "lose":
             del copy[place : place + rng.choice([1, 2, 8, 100, 1024])]
         case "splice":
-            other = rng.choice([data, *others])
-            start = rng.randrange(len(other))
-            copy[place:] = other[start : start + 2_000_000]
+            source = rng.choice([data, *contents])
+            start = rng.randrange(len(source))
+            copy[place:] = source[start : start + 2_000_000]
         case "insert":
             copy[place:place] = rng.randbytes(rng.choice([1, 2, 8, 1024]))
         case "gzip":
@@ -153,11 +153,11 @@ def damaged_bytes(data: bytes, others: list[bytes], rng: random.Random) -> tuple
         case "gzip cut":
             packed = gzip.compress(bytes(copy), 1)
             copy = bytearray(packed[: rng.randrange(len(packed))])
-    return f"{what} at {place}", bytes(copy)
+    return f"{kind} at {place}", bytes(copy)
 
 
 def cases(folder: Path) -> dict[str, tuple[Callable[[Path], object], bytes]]:
-    """Readers by name, with the content of a sound file."""
+    """Return readers by name, with the content of a valid file."""
     (folder / "orography").write_text(orography_text())
     (folder / "map").write_text(vmf3_map_text(0))
     (folder / "table").write_text(TABLE)
@@ -165,7 +165,7 @@ def cases(folder: Path) -> dict[str, tuple[Callable[[Path], object], bytes]]:
     (folder / "orbit_data").write_bytes(odf([doppler(k) for k in range(9)]))
     pds3 = {"projection": "SIMPLE CYLINDRICAL", "map_scale": "151616.75 <m/pix>"}
     write_pds3(folder, np.add.outer(np.arange(36) * 10.0, np.arange(72) * 30.0), **pds3)
-    found = {name: (read, text.encode()) for name, (read, text) in TEXTS.items()}
+    readers = {name: (read, text.encode()) for name, (read, text) in TEXTS.items()}
     binaries = {
         "spk": find_kernel("DE421", "SPK"),
         "pck": find_kernel("DE421", "PCK"),
@@ -174,30 +174,30 @@ def cases(folder: Path) -> dict[str, tuple[Callable[[Path], object], bytes]]:
         "parquet": folder / "rows",
         "odf": folder / "orbit_data",
     }
-    found |= {name: (BINARIES[name], path.read_bytes()) for name, path in binaries.items()}
-    found["pds3"] = (BINARIES["terrain"], (folder / "MAP.LBL").read_bytes())
-    found["tdm"] = (TEXTS["tdm"][0], "\n".join(kvn(*SEGMENTS)).encode())
-    found["tdm_xml"] = (TEXTS["tdm_xml"][0], xml(*SEGMENTS).encode())
-    return found
+    readers |= {name: (BINARIES[name], path.read_bytes()) for name, path in binaries.items()}
+    readers["pds3"] = (BINARIES["terrain"], (folder / "MAP.LBL").read_bytes())
+    readers["tdm"] = (TEXTS["tdm"][0], "\n".join(kvn(*SEGMENTS)).encode())
+    readers["tdm_xml"] = (TEXTS["tdm_xml"][0], xml(*SEGMENTS).encode())
+    return readers
 
 
 @contextmanager
 def limited() -> Iterator[None]:
-    """Not much more memory than now, and not for long."""
+    """Limit additional memory and time."""
     pages = int(Path("/proc/self/statm").read_text().split()[0])
-    most = pages * resource.getpagesize() + MEMORY_BYTES
-    before = resource.getrlimit(resource.RLIMIT_AS)
-    resource.setrlimit(resource.RLIMIT_AS, (most, before[1]))
+    limit = pages * resource.getpagesize() + MEMORY_BYTES
+    previous = resource.getrlimit(resource.RLIMIT_AS)
+    resource.setrlimit(resource.RLIMIT_AS, (limit, previous[1]))
     signal.alarm(LONGEST_S)
     try:
         yield
     finally:
         signal.alarm(0)
-        resource.setrlimit(resource.RLIMIT_AS, before)
+        resource.setrlimit(resource.RLIMIT_AS, previous)
 
 
 def used(name: str, result: Any) -> ArrayLike:
-    """Numbers that come of what was read, which must be finite."""
+    """Return numbers from a result, which must be finite."""
     match name:
         case "terrain":
             return result.height_and_slope(*np.radians([-51.9, 43.1]))
@@ -219,8 +219,8 @@ def used(name: str, result: Any) -> ArrayLike:
             return np.concatenate([site.values for site in result.values()])
         case _ if name == "trajectory" or name.startswith("spk_type"):
             et_s = np.concatenate([np.linspace(*span, 7) for span in result.spans_s()[:20]])
-            which = result.segment_at(et_s)
-            return result.states(et_s[which >= 0], which[which >= 0])
+            segment = result.segment_at(et_s)
+            return result.states(et_s[segment >= 0], segment[segment >= 0])
         case "crd" | "mini" | "table" | "observations" | "tdm" | "tdm_xml" | "parquet" | "odf":
             assert len(result) > 0
             assert (result.sigma_m > 0.0).all()
@@ -230,11 +230,11 @@ def used(name: str, result: Any) -> ArrayLike:
 
 
 def is_refused(name: str, read: Callable[[Path], object], path: Path) -> bool:
-    """Whether a reader refuses a file; anything but that or a result is raised."""
+    """Return True if a reader refuses a file; other errors are raised."""
     try:
         with limited():
             result = read(path)
-            with suppress(RadiolocError):  # by then the file need not be named
+            with suppress(RadiolocError):  # these errors need not name the file
                 assert np.isfinite(used(name, result)).all()
     except RadiolocError as error:
         message = str(error)
@@ -247,51 +247,53 @@ def is_refused(name: str, read: Callable[[Path], object], path: Path) -> bool:
     return False
 
 
-def damage(name: str, content: bytes, others: list[bytes], rng: random.Random) -> tuple[str, bytes]:
-    """Return what was done to a file once, and its content then."""
+def damage(name: str, content: bytes, contents: list[bytes], rng: random.Random) -> tuple[str, bytes]:
+    """Return the kind of a single damage, and the damaged content."""
     form = TARGETS[name][2] if name in TARGETS else "text" if name in TEXTS or name == "pds3" else "bytes"
     if form in STRUCTURED and rng.random() < 0.8:
         return STRUCTURED[form](content, rng)
     if form in ("text", "json") and rng.random() < 0.9:
-        return damaged_text(content.decode("utf-8", "replace") or " ", others, rng)
-    return damaged_bytes(content or b" ", others, rng)
+        return damaged_text(content.decode("utf-8", "replace") or " ", contents, rng)
+    return damaged_bytes(content or b" ", contents, rng)
 
 
 def run_target(name: str, folder: Path, seed: int, seconds: float) -> None:
-    """Read damaged copies of one sound file; print each damage before and each outcome after."""
+    """Read damaged copies of one valid file; print each damage and each outcome."""
     if name in TARGETS:
         read, make, _ = TARGETS[name]
         content = make(folder)
-        others = [content]
+        contents = [content]
     else:
-        found = cases(folder)
-        read, content = found[name]
-        others = [content for _, content in found.values() if len(content) < 2_000_000]
+        readers = cases(folder)
+        read, content = readers[name]
+        contents = [content for _, content in readers.values() if len(content) < 2_000_000]
     rng = random.Random(f"{seed} {name}")
     path = folder / f"given.{name}"
     path.write_bytes(content)
     assert not is_refused(name, read, path), name
     print("sound", flush=True)
-    kinds: set[str] = set()
+    failures_seen: set[str] = set()
     count, until = 0, time.monotonic() + seconds
     while time.monotonic() < until or count < 3:
         damages, damaged = [], content
         for _ in range(rng.choice([1, 1, 1, 2, 3])):
-            what, damaged = damage(name, damaged, others, rng)
-            damages.append(what)
+            kind, damaged = damage(name, damaged, contents, rng)
+            damages.append(kind)
         path.write_bytes(damaged)
         print(f"damage: {', '.join(damages)!r:.300}", flush=True)
         try:
             print("refused" if is_refused(name, read, path) else "read", flush=True)
         except Exception as error:
             frames = traceback.extract_tb(error.__traceback__)
-            where = next((f for f in reversed(frames) if "/radioloc/" in f.filename), frames[-1])
-            kind = f"{type(error).__name__} at {Path(where.filename).name}:{where.lineno}"
-            if kind not in kinds:
-                kinds.add(kind)
-                kept = folder / f"failed.{name}.{seed}.{count}"
-                kept.write_bytes(damaged)
-                print(f"FAILED {kind}, {kept} ({', '.join(damages)[:200]}): {str(error)[:300]!r}", flush=True)
+            frame = next((f for f in reversed(frames) if "/radioloc/" in f.filename), frames[-1])
+            failure = f"{type(error).__name__} at {Path(frame.filename).name}:{frame.lineno}"
+            if failure not in failures_seen:
+                failures_seen.add(failure)
+                copy = folder / f"failed.{name}.{seed}.{count}"
+                copy.write_bytes(damaged)
+                print(
+                    f"FAILED {failure}, {copy} ({', '.join(damages)[:200]}): {str(error)[:300]!r}", flush=True
+                )
             else:
                 print("failed again", flush=True)
         count += 1
@@ -299,18 +301,18 @@ def run_target(name: str, folder: Path, seed: int, seconds: float) -> None:
 
 
 def watch_target(name: str, folder: Path, seed: int, seconds: float) -> tuple[Counter[str], list[str]]:
-    """Run a target in processes of its own until its time is over; return counts and failures."""
+    """Run a target in separate processes until its time is over; return counts and failures."""
     counts: Counter[str] = Counter()
     failures: list[str] = []
     until = time.monotonic() + seconds
     while True:
-        left = max(until - time.monotonic(), 0.0)
-        command = [sys.executable, __file__, "--target", name, folder, str(seed), str(left)]
+        remaining_s = max(until - time.monotonic(), 0.0)
+        command = [sys.executable, __file__, "--target", name, folder, str(seed), str(remaining_s)]
         log = folder / f"log.{name}"
         with log.open("wb") as stream:
             try:
                 status = subprocess.run(
-                    command, stdout=stream, stderr=subprocess.STDOUT, timeout=left + LONGEST_START_S
+                    command, stdout=stream, stderr=subprocess.STDOUT, timeout=remaining_s + LONGEST_START_S
                 )
                 ended = f"exit status {status.returncode}"
             except subprocess.TimeoutExpired:
@@ -323,18 +325,18 @@ def watch_target(name: str, folder: Path, seed: int, seconds: float) -> tuple[Co
         if lines[-1:] == [f"{name} done"]:
             return counts, failures
         counts["failures"] += 1
-        given, kept = folder / f"given.{name}", folder / f"ended.{name}.{seed}"
-        if given.is_file():
-            given.replace(kept)
+        path, copy = folder / f"given.{name}", folder / f"ended.{name}.{seed}"
+        if path.is_file():
+            path.replace(copy)
         last = [line for line in lines if line.startswith("damage")][-1:]
-        failures.append(f"{name}: {ended}, {kept}, {last}: {' / '.join(lines[-4:])[-600:]}")
+        failures.append(f"{name}: {ended}, {copy}, {last}: {' / '.join(lines[-4:])[-600:]}")
         if "sound" not in lines or time.monotonic() > until:
             return counts, failures
         seed += 1000
 
 
 def main(folder: Path, seed: int, seconds: float, names: list[str]) -> None:
-    """Run targets one after the other, each with its part of the time, and print what came out."""
+    """Run targets one after the other, each with its part of the time, and print the outcomes."""
     folder.mkdir(parents=True, exist_ok=True)
     os.environ["PYTHONPATH"] = os.pathsep.join(sys.path)
     names = names or ALL

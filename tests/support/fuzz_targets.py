@@ -1,6 +1,6 @@
 """Targets of the fuzzer beside the readers of tables and texts: recorded results, trials, images, trajectories.
 
-A target has a function that reads a file and uses it, a sound file, and the form of damage that suits it.
+A target is a function that reads and uses a file, a valid file, and the form of damage.
 """
 
 import io
@@ -50,13 +50,13 @@ JSON_TEXTS = {"@digits": "9" * 5000, "@nesting": "[" * 100_000 + "]" * 100_000, 
 
 
 def _compared(path: Path) -> None:
-    found = compare([path])
-    str(found)
-    json_text(found.to_dict())
+    comparison = compare([path])
+    str(comparison)
+    json_text(comparison.to_dict())
 
 
 def _exported(path: Path) -> None:
-    contents = [one.content for one in read_solutions(path)[0]]
+    contents = [solution.content for solution in read_solutions(path)[0]]
     solution_table(contents)
     write_gis(path.with_suffix(".geojson"), contents)
     write_spice(path.with_suffix(".bsp"), contents[0], body=301000)
@@ -68,7 +68,7 @@ def _drawn(path: Path) -> None:
     from matplotlib import pyplot
 
     try:
-        plot_map([one.content for one in read_solutions(path)[0]])
+        plot_map([solution.content for solution in read_solutions(path)[0]])
     finally:
         pyplot.close("all")
 
@@ -93,12 +93,12 @@ def _flown(path: Path) -> Trajectory:
     return Trajectory.open(path, ORBITER)
 
 
-def _solution_json(**more: Any) -> bytes:
-    known = reference("map", -51.9, 43.0)
+def _solution_json(**fields: Any) -> bytes:
+    place = reference("map", -51.9, 43.0)
     considered = [{"name": "zenith_delay.A", "unit": "m", "sigma": 0.01, "position_enu_m": [1.0, 2.0, 0.5]}]
     parameter = {"name": "range_bias.A", "unit": "m", "value": 1.0, "sigma": 0.1, "total_sigma": 0.2}
-    parts = {"reference": known, "references": [known], "considered": considered}
-    return json_text(recorded(**parts | {"parameters": [parameter | {"fixed": False}]} | more)).encode()
+    parts = {"reference": place, "references": [place], "considered": considered}
+    return json_text(recorded(**parts | {"parameters": [parameter | {"fixed": False}]} | fields)).encode()
 
 
 def _place_json() -> bytes:
@@ -178,7 +178,7 @@ TARGETS: dict[str, tuple[Callable[[Path], object], Callable[[Path], bytes], str]
     "mask": (read_mask, lambda _: (EXAMPLES / "images" / "mask.png").read_bytes(), "png"),
     "map": (_mapped, lambda _: (EXAMPLES / "images" / "map.tif").read_bytes(), "bytes"),
 }
-"""Functions that read and use a file, its sound content, and the form of damage."""
+"""Functions that read and use a file, its valid content, and the form of damage."""
 TARGETS |= {f"spk_type_{k}": (_flown, lambda folder, k=k: _spk(folder, k), "bytes") for k in SPK_TYPES}
 if CUBE.is_file():
     TARGETS["cube"] = (read_isd, lambda _: CUBE.read_bytes(), "bytes")
@@ -194,17 +194,19 @@ def damaged_json(content: bytes, rng: random.Random) -> tuple[str, bytes]:
     if holder is None:
         return "value", _json_of(rng.choice(JSON_VALUES))
     value = holder[key]
-    what = rng.choice(
+    kind = rng.choice(
         ["value", "value", "value", "swap", "remove", "extra", "text", "scale", "length", "wrap"]
     )
-    match what:
+    match kind:
         case "value":
             holder[key] = rng.choice(JSON_VALUES)
         case "swap":
-            other, at = _place(top, rng)
-            if at not in (None, key):
-                copy = json.dumps(other[at])
-                other[at] = value if not isinstance(value, list | dict) else json.loads(json.dumps(value))
+            target, target_key = _place(top, rng)
+            if target_key not in (None, key):
+                copy = json.dumps(target[target_key])
+                target[target_key] = (
+                    value if not isinstance(value, list | dict) else json.loads(json.dumps(value))
+                )
                 if key in holder if isinstance(holder, dict) else key < len(holder):
                     holder[key] = json.loads(copy)
         case "remove":
@@ -228,7 +230,7 @@ def damaged_json(content: bytes, rng: random.Random) -> tuple[str, bytes]:
                 holder[key] = [value] * 3
         case "wrap":
             holder[key] = {"value": value}
-    return f"{what} of {key}", _json_of(top)
+    return f"{kind} of {key}", _json_of(top)
 
 
 def _place(top: Any, rng: random.Random) -> tuple[Any, Any]:
@@ -287,9 +289,9 @@ def damaged_npz(content: bytes, rng: random.Random) -> tuple[str, bytes]:
         ValueError,
     ):
         return "none", content
-    what = rng.choice(["shape", "type", "zeros", "lose", "extra", "object", "value", "empty"])
+    kind = rng.choice(["shape", "type", "zeros", "lose", "extra", "object", "value", "empty"])
     shapes = [(10**12,), (0,), (), (5,), (-1,), (2**62, 4), (5, 1, 10**9), (5, 10**9, 0), (1,) * 40]
-    match what:
+    match kind:
         case "shape":
             members[name] = _npy("<f8", rng.choice(shapes)) + members[name][-120:]
         case "type":
@@ -316,7 +318,7 @@ def damaged_npz(content: bytes, rng: random.Random) -> tuple[str, bytes]:
     with zipfile.ZipFile(stream, "w", rng.choice([zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED])) as archive:
         for member, data in members.items():
             archive.writestr(member or "_", data)
-    return f"{what} of {name}", stream.getvalue()
+    return f"{kind} of {name}", stream.getvalue()
 
 
 def _npy(kind: str, shape: tuple[int, ...]) -> bytes:
@@ -326,7 +328,7 @@ def _npy(kind: str, shape: tuple[int, ...]) -> bytes:
 
 
 AFTER_READING = ("solution_export", "solution_map", "solution_page")
-"""Targets that also write or draw what was read, whose errors need not name the file."""
+"""Targets that also write or draw, whose errors need not name the file."""
 
 STRUCTURED = {"json": damaged_json, "png": damaged_png, "npz": damaged_npz}
 """Damage that keeps the form of a file, by form."""

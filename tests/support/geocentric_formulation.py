@@ -1,9 +1,9 @@
-"""Range and VLBI delay computed in the geocentric frame (GCRS, TT): a second path to the numbers of the library.
+"""Range and VLBI delay computed in the geocentric frame (GCRS, TT), for comparison with the library.
 
-The library solves the light-time equation in the barycentric frame, in TDB. Here nothing moves at 30 km/s: stations,
-Moon and light are placed in the GCRS and the clock reads TT, the time that is measured. None of the library's light
-path is used; shared are the ephemeris, the rotations of the Earth and of the Moon, and ERFA's TDB - TT at the
-geocentre, which here has no other use than to say when to look into the ephemeris.
+The library solves the light-time equation in the barycentric frame, in TDB. This module places stations, Moon and light
+in the GCRS, where speeds are small, and measures time in TT. It does not use the light path of the library; shared are
+the ephemeris, the rotations of the Earth and of the Moon, and ERFA's TDB - TT at the geocentre, which only determines
+the epochs of the ephemeris.
 
 From the ephemeris to the GCRS an *event* is carried over (IAU 2000 resolution B1.3; Soffel et al. 2003, Astron. J. 126,
 2687, eq. 8; in the units of TDB on one side and of TT on the other), with r from the geocentre at the event's TDB, and
@@ -16,19 +16,19 @@ At the Moon these terms are, in this order: up to 130 microseconds (in which it 
 together 5 mm. The next order in the time of the event is up to 6 ps, 2 mm of a one-way range, and cancels in two-way.
 
 In the GCRS light takes |X2 - X1| / c + 2/c^3 times the integral of the potential W along the way. W is the Earth's own
-(4 to 5 cm for a leg) and of each other body what is left when its value at the geocentre and its pull there are taken
-off, the tidal part. For the Moon that is 0.5 mm, for the Sun 0.02 mm; the 7.6 m by which the Sun delays light in the
-barycentric frame are not there. They are in the lengths and the clocks that the Sun's potential changes: 3.8 m each.
+(4 to 5 cm for a leg) and of each other body the tidal part: its potential less value and gradient at the geocentre. For
+the Moon that is 0.5 mm, for the Sun 0.02 mm. The 7.6 m of the Sun in the barycentric frame correspond to the lengths
+and the clocks that the potential of the Sun changes: 3.8 m each.
 
-A station is where the rotation of the Earth at its own TT puts it, and in three-way range no difference of TDB - TT
-between the stations appears. In the barycentric frame it does. With v the Earth's velocity and r1, r2 the stations at
+The rotation of the Earth at the TT of a station determines its place. Differences of TDB - TT between stations enter
+three-way range only in the barycentric frame. With v the Earth's velocity and r1, r2 the stations at
 transmission and reception, TDB - TT grows along the path by
 
     v.(r2 - r1) / c^2 + (rate at the geocentre) * (time of flight)
 
 Times c, the first part is up to 1e-4 of the baseline, more than a kilometre to the other side of the Earth: events that
-are simultaneous for the Earth are not so for the barycentre. It is no effect on what is measured; the barycentric legs
-are longer or shorter by as much, as one station runs away from the light and the other towards it. In two-way range
+are simultaneous for the Earth are not so for the barycentre. Measured values do not change; the barycentric legs are
+longer or shorter by as much, as one station moves away from the light and the other towards it. In two-way range
 r2 - r1 is how far the station turns in 2.6 s, 1.2 km at most, which leaves 0.12 m; the second part, the eccentricity of
 the Earth's orbit (3.3e-10 at most), adds up to 0.26 m. Formulations that have this term and have it not agree only if
 it is right.
@@ -47,8 +47,7 @@ from radioloc.ephemeris import Ephemeris, LunarOrientation
 from radioloc.lunar import rot_icrf_to_pa
 from radioloc.time import Epochs
 
-_ITERATIONS = 4
-"""Each gains the Moon's speed over that of light, 3e-6, or a station's, 2e-6."""
+_ITERATIONS = 4  # each reduces the error by the speed of the Moon or of a station over that of light, 3e-6
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)
 
@@ -66,7 +65,7 @@ def _norm(a: Vectors) -> Vectors:
 def gcrs_terms(
     r_m: Vectors, velocity_m_s: Vectors, acceleration_m_s2: Vectors, potential_m2_s2: Vectors
 ) -> dict[str, Vectors]:
-    """What is added to a geocentric vector in TDB units to have it in the GCRS, in TT units, m.
+    """Return the terms between a geocentric vector in TDB units and the GCRS vector in TT units, m.
 
     Velocity, acceleration and external potential are those of the geocentre.
     """
@@ -80,17 +79,17 @@ def gcrs_terms(
 
 @dataclass(frozen=True)
 class Leg:
-    """A way of the light between an event on the Moon and one on the Earth."""
+    """Leg of the light path between an event on the Moon and one on the Earth."""
 
     length_s: Vectors
-    """TT between the two, s."""
+    """TT between the events, s."""
     gravity_m: Vectors
-    """The part of it that is due to gravity, m."""
+    """Gravitational part, m."""
 
 
 @dataclass(frozen=True)
 class MoonEvent:
-    """The point on the Moon at one TDB, and where the other bodies then are."""
+    """Point on the Moon at one TDB, and positions of the other bodies."""
 
     tt_s: Vectors
     """TT of the event, s from the tag."""
@@ -101,7 +100,7 @@ class MoonEvent:
     moon_m: Vectors
     """The Moon's centre then, GCRS."""
     geocentre_s: Vectors
-    """What TT at the geocentre reads at the event's TDB, s from the tag."""
+    """TT at the geocentre at the TDB of the event, s from the tag."""
     external: tuple[tuple[float, Vectors], ...]
     """GM and geocentric position of all bodies but the Earth and the Moon."""
 
@@ -114,7 +113,7 @@ class GeocentricFormulation:
     tt : Epochs
         The tags.
     point_pa_m : ndarray, shape (3,)
-        The point on the Moon, principal axes, as a ruler there measures it.
+        The point on the Moon, principal axes, as a local ruler measures it.
     """
 
     def __init__(
@@ -133,11 +132,11 @@ class GeocentricFormulation:
     def range_m(self, transmitter_itrf_m: Vectors, receiver_itrf_m: Vectors, tag: str) -> Vectors:
         """Speed of light times the TT from transmission to reception; one of them is tagged."""
         tagged = {"transmit": transmitter_itrf_m, "receive": receiver_itrf_m}[tag]
-        other = receiver_itrf_m if tag == "transmit" else transmitter_itrf_m
+        untagged = receiver_itrf_m if tag == "transmit" else transmitter_itrf_m
         sense = 1.0 if tag == "transmit" else -1.0
-        event, near = self._moon_from(tagged, sense)
-        far = self._station_from(event, other, sense)
-        return C_M_S * (near.length_s + far.length_s)
+        event, tagged_leg = self._moon_from(tagged, sense)
+        untagged_leg = self._station_from(event, untagged, sense)
+        return C_M_S * (tagged_leg.length_s + untagged_leg.length_s)
 
     def vlbi_delay_m(self, first_itrf_m: Vectors, second_itrf_m: Vectors) -> Vectors:
         """Speed of light times TT of arrival at the second station less that at the first, which is tagged."""
@@ -159,10 +158,10 @@ class GeocentricFormulation:
         return C_M_S * (event.tt_s + self._station_from(event, receiver_itrf_m, 1.0).length_s)
 
     def gained_s(self, event: MoonEvent, since: Epochs) -> Vectors:
-        """What a clock at the point gains on TT from an epoch to the event: proper time of the GCRS.
+        """Return the gain of a clock at the point on TT from an epoch to the event: proper time of the GCRS.
 
-        In TT the rate is L_G - (V^2 / 2 + W) / c^2, with the velocity V there and the potential W of the Earth and the
-        tidal ones of the others (Soffel et al. 2003, section 3.4). No velocity of the Earth is in it.
+        In TT the rate is L_G - (V^2 / 2 + W) / c^2, with the local velocity V and the potential W of the Earth and the
+        tidal ones of the others (Soffel et al. 2003, section 3.4). The velocity of the Earth does not enter.
         """
         since_s = self.tt.seconds_since(since) + event.tt_s
         knots_s = np.linspace(since_s.min() - 3600.0, since_s.max() + 3600.0, 121)
@@ -170,19 +169,19 @@ class GeocentricFormulation:
         grid = GeocentricFormulation(
             self.ephemeris, self.libration, self.orientation, first.shifted(knots_s), self.point_pa_m
         )
-        there = grid.moon_event(np.zeros(len(knots_s)))
-        there_s = knots_s + there.tt_s
+        grid_event = grid.moon_event(np.zeros(len(knots_s)))
+        grid_s = knots_s + grid_event.tt_s
         gm = self.ephemeris.constants.gm_m3_s2
-        slower = 0.5 * (CubicSpline(there_s, there.point_m).derivative()(there_s) ** 2).sum(axis=1)
-        slower = slower + gm("earth") / _norm(there.point_m)
-        distance_m = _norm(there.moon_m)
-        along = _dot(there.point_m, there.moon_m) / distance_m**2
+        slower = 0.5 * (CubicSpline(grid_s, grid_event.point_m).derivative()(grid_s) ** 2).sum(axis=1)
+        slower = slower + gm("earth") / _norm(grid_event.point_m)
+        distance_m = _norm(grid_event.moon_m)
+        projection = _dot(grid_event.point_m, grid_event.moon_m) / distance_m**2
         slower = slower + gm("moon") * (
-            1.0 / _norm(there.point_m - there.moon_m) - (1.0 + along) / distance_m
+            1.0 / _norm(grid_event.point_m - grid_event.moon_m) - (1.0 + projection) / distance_m
         )
-        for gm_body, body_m in there.external:
-            slower = slower + gm_body * _tidal(there.point_m, body_m)
-        grown = CubicSpline(there_s, L_G - slower / C_M_S**2).antiderivative()
+        for gm_body, body_m in grid_event.external:
+            slower = slower + gm_body * _tidal(grid_event.point_m, body_m)
+        grown = CubicSpline(grid_s, L_G - slower / C_M_S**2).antiderivative()
         return grown(since_s) - grown(0.0)
 
     def moon_event(self, tdb_s: Vectors) -> MoonEvent:
@@ -224,7 +223,7 @@ class GeocentricFormulation:
     def _seen_from_barycentre(
         self, tdb: Epochs, moon_m_s: Vectors, moon_m: Vectors, external: tuple[tuple[float, Vectors], ...]
     ) -> Vectors:
-        """The point from the Moon's centre at one TDB: a ruler there is shorter for the barycentre."""
+        """Return the point from the Moon's centre at one TDB, with the barycentric contraction."""
         angles_rad, _ = self.libration.angles(tdb)
         ruler_m = np.einsum("nji,j->ni", rot_icrf_to_pa(angles_rad), self.point_pa_m)
         potential = self.ephemeris.constants.gm_m3_s2("earth") / _norm(moon_m)
@@ -235,12 +234,12 @@ class GeocentricFormulation:
         return ruler_m - ruler_m * scale - v * (0.5 * _dot(v, ruler_m))[:, None]
 
     def station_m(self, itrf_m: Vectors, tt_s: Vectors) -> Vectors:
-        """A station in the GCRS at TT seconds from the tag."""
+        """Return a station in the GCRS at TT seconds from the tag."""
         rotation = self.orientation.evaluate(self.tt.shifted(tt_s)).rot_itrf_to_gcrs
         return rotation @ itrf_m
 
     def _moon_from(self, itrf_m: Vectors, sense: float) -> tuple[MoonEvent, Leg]:
-        """The event on the Moon that light from the tagged station reaches (sense 1) or comes from (-1)."""
+        """Return the event on the Moon that light from the tagged station reaches (sense 1) or comes from (-1)."""
         station_m = self.station_m(itrf_m, np.zeros(len(self.tt)))
         tdb_s = np.full(len(self.tt), sense * 1.3)
         for _ in range(_ITERATIONS):
@@ -250,7 +249,7 @@ class GeocentricFormulation:
         return event, leg
 
     def _station_from(self, event: MoonEvent, itrf_m: Vectors, sense: float) -> Leg:
-        """The leg between the event on the Moon and a station later (sense 1) or earlier (-1)."""
+        """Return the leg between the event on the Moon and a station later (sense 1) or earlier (-1)."""
         tt_s = event.tt_s + sense * 1.3
         for _ in range(_ITERATIONS):
             leg = self._leg(event, self.station_m(itrf_m, tt_s))
@@ -279,21 +278,21 @@ class GeocentricFormulation:
 
 
 def _inverse_distance(start_m: Vectors, end_m: Vectors, body_m: Vectors) -> Vectors:
-    """Integral of 1 / distance from a body along a straight way; no unit."""
-    along = (end_m - start_m) / _norm(end_m - start_m)[:, None]
+    """Return the integral of 1 / distance from a body along a straight line."""
+    unit = (end_m - start_m) / _norm(end_m - start_m)[:, None]
 
     def primitive(place_m: Vectors) -> Vectors:
         from_body_m = place_m - body_m
-        return np.arcsinh(_dot(from_body_m, along) / _norm(np.cross(from_body_m, along)))
+        return np.arcsinh(_dot(from_body_m, unit) / _norm(np.cross(from_body_m, unit)))
 
     return primitive(end_m) - primitive(start_m)
 
 
 def _tidal(place_m: Vectors, body_m: Vectors) -> Vectors:
-    """1 / distance of a body less its value and its slope at the geocentre, 1/m, without loss of digits.
+    """Return 1 / distance of a body less its value and its slope at the geocentre, 1/m, without loss of digits.
 
-    With q = (|B - X|^2 - B^2) / B^2 and f = (1 + q)^(1/2) - 1, 1 / (1 + f) - 1 + q / 2 is rearranged so that the
-    first order is gone before it is computed.
+    With q = (|B - X|^2 - B^2) / B^2 and f = (1 + q)^(1/2) - 1, 1 / (1 + f) - 1 + q / 2 is rearranged to cancel the
+    first order analytically.
     """
     square = _dot(body_m, body_m)
     slope = _dot(place_m, body_m) / square

@@ -1,4 +1,4 @@
-"""Harmonics of time as observations, however many: the model gives partials of the rows that are asked for."""
+"""Harmonics of time as observations of any number, with partials row by row."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from radioloc.time import Epochs
 
 @dataclass
 class Series:
-    """Harmonics of time; partials are made for the rows that are asked for."""
+    """Harmonics of time with noise and outliers."""
 
     n: int
     p: int = 6
@@ -63,14 +63,14 @@ class SeriesAt:
 
 
 def solved(series: Series) -> Solution:
-    """Fit with editing and additive noise, and everything that a solution says, of six links in turn."""
+    """Fit with outlier rejection and additive noise, and build the solution; six links alternate."""
     n = series.n
     paths = Labels((np.arange(n) % 6).astype(np.int32), tuple(f"S{k}>x>S{k}" for k in range(6)))
     types = Labels(np.zeros(n, dtype=np.int32), ("range",))
     order = SeriesOrder.of(types, paths, np.linspace(0.0, 2.0 * 86400.0, n))
-    found = fit_with_variance_components(series.linearize, series.parameters, series.sigma_m, order=order)
+    fit = fit_with_variance_components(series.linearize, series.parameters, series.sigma_m, order=order)
     return build_solution(
-        found,
+        fit,
         position_pa_m=np.array([1.7e6, 0.0, 0.0]),
         position_partials=np.eye(3, series.p),
         rot_pa_to_me=np.eye(3),

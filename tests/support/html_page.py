@@ -1,4 +1,4 @@
-"""Pages and cards in HTML as tests read them."""
+"""Parser of HTML pages and cards."""
 
 from html.parser import HTMLParser
 
@@ -41,7 +41,7 @@ class Page(HTMLParser):
             self.tables[-1][-1][-1] += data
 
     def table(self, *heading):
-        """The rows of all tables with a heading."""
+        """Return the rows of all tables with a heading."""
         return [row for table in self.tables if table[0] == list(heading) for row in table[1:]]
 
     def all(self, tag):

@@ -1,4 +1,4 @@
-"""A descent's homographies and tie points, drawn with known errors: no images, only their geometry."""
+"""Homographies and random tie points of a descent, without images."""
 
 from dataclasses import dataclass
 
@@ -14,17 +14,17 @@ SIZE = 1000.0
 
 @dataclass(frozen=True)
 class Chain:
-    """Images of 1000 x 1000 pixels that come down over a plane, each with a part of the width of the one before."""
+    """Images of 1000 x 1000 pixels of a plane, each a part as wide as the previous one."""
 
     images: int
-    map_below: int  # images that see features of the map
-    tied: int = 40  # tie points of each image with the one before
-    on_map: int = 30  # features of the map in each image that sees it
+    map_below: int  # number of images with features of the map
+    tied: int = 40  # tie points of each image with the previous one
+    on_map: int = 30  # features of the map per image
     part: float = 0.75
     drift_m: tuple[float, float] = (-80.0, 30.0)  # of an image's middle from one to the next
 
     def matrix(self, k):
-        """From the plane, m, to pixels: turned, tilted at first."""
+        """Return the matrix from the plane, m, to pixels."""
         pixel_m, turn, tilt = 4.0 * self.part**k, 0.1 * k, 1e-4 * 0.7**k
         east_m, north_m = (k * drift for drift in self.drift_m)
         to_ground = np.array(
@@ -45,7 +45,7 @@ class Chain:
         return np.full((self.images, 2), SIZE)
 
     def approximate(self):
-        """Homographies some pixels off, as products of matrices along the chain are."""
+        """Return homographies with errors of some pixels, as of products along the chain."""
         rng = np.random.default_rng(1)
         shift = [np.array([[1, 0, a], [0, 1, b], [0, 0, 1.0]]) for a, b in rng.normal(0, 5, (self.images, 2))]
         return np.array([s @ self.matrix(k) for k, s in enumerate(shift)])
@@ -58,25 +58,27 @@ class Chain:
 
 
 def drawn_ties(chain, rng, *, sigma_px, map_sigma_m, stated=1.0, outliers=0.03):
-    """Tie points between images that follow each other, some in three, and with the map; a part of them wrong."""
+    """Draw tie points of successive images, some of three, and of the map; a part of them is wrong."""
     image, place, map_place = [], [], []
     points = 0
     for k in range(chain.images):
         count = chain.tied if k else 0
         ground = chain.ground(k, rng.uniform(0.0, SIZE, (count + chain.on_map, 2)))
         for n, x in enumerate(ground):
-            seen = [i for i in range(max(0, k - 1 - n % 2), k) if n < count] + [k]
-            inside = [
-                i for i in seen if (np.abs(transformed(chain.matrix(i), x[None]) - CENTRE) < SIZE / 2).all()
+            candidates = [i for i in range(max(0, k - 1 - n % 2), k) if n < count] + [k]
+            visible = [
+                i
+                for i in candidates
+                if (np.abs(transformed(chain.matrix(i), x[None]) - CENTRE) < SIZE / 2).all()
             ]
             if n >= count and k >= chain.map_below:
                 continue
             if n >= count:
                 map_place.append((points, x))
-            elif len(inside) < 2:
+            elif len(visible) < 2:
                 continue
-            image += [(i, points) for i in inside]
-            place += [transformed(chain.matrix(i), x[None])[0] for i in inside]
+            image += [(i, points) for i in visible]
+            place += [transformed(chain.matrix(i), x[None])[0] for i in visible]
             points += 1
     image, pixels = np.array(image), np.array(place)
     pixels = pixels + rng.normal(0.0, sigma_px, pixels.shape)

@@ -1,4 +1,4 @@
-"""A descent over a drawn ground: a map of it as a GeoTIFF, frames from high to low, the truth of each."""
+"""Descent over procedural ground: map as GeoTIFF, frames from high to low, true places."""
 
 from dataclasses import dataclass, field
 from functools import cache, cached_property
@@ -16,7 +16,7 @@ from radioloc.imaging.image_chain import Frame
 from radioloc.lunar.maps import TangentPlane
 
 SITE = (-19.51, 44.12)  # degrees
-PIXEL_M = 2.0  # of the drawn ground
+PIXEL_M = 2.0  # of the ground
 
 
 @cache
@@ -26,7 +26,7 @@ def scene(seed=1, sun_deg=0.0):
 
 @dataclass(frozen=True)
 class Descent:
-    """Frames of 500 x 400 pixels; the first ones see 0.6 of the ground, the last 30 m."""
+    """Frames of 500 x 400 pixels; the first show 0.6 of the ground, the last 30 m."""
 
     frames: int = 16
     seed: int = 1
@@ -36,10 +36,10 @@ class Descent:
     spacecraft: bool = False
     tilt: float = 2e-4  # of the first frames, per pixel
     shape: tuple[int, int] = (400, 500)
-    changed: dict = field(default_factory=dict)  # frames that are something else
+    changed: dict = field(default_factory=dict)  # replaced frames
 
     def matrix(self, k):
-        """From pixels of a frame to those of the ground, whose centre is the site."""
+        """Return the matrix from pixels of a frame to those of the ground, whose centre is the site."""
         pixel = 2.6 * 0.8**k
         tilt = self.tilt * max(0.0, 1.0 - k / 5.0)
         return frame_matrix(
@@ -56,14 +56,14 @@ class Descent:
         return [Frame(f"{k:04d}.png", lambda k=k: self.image(k)) for k in range(self.frames)]
 
     def truth_deg(self, k, pixel=None):
-        """Longitude and latitude of a pixel, by default of the centre."""
+        """Return longitude and latitude of a pixel, by default of the centre, deg."""
         centre = 0.5 * (np.array(self.shape[::-1]) - 1.0)
-        at = transformed(self.matrix(k), np.reshape(centre if pixel is None else pixel, (1, 2)))[0]
-        plane_m = (at - 999.5) * [PIXEL_M, -PIXEL_M]
+        ground_px = transformed(self.matrix(k), np.reshape(centre if pixel is None else pixel, (1, 2)))[0]
+        plane_m = (ground_px - 999.5) * [PIXEL_M, -PIXEL_M]
         return TangentPlane(*SITE).to_longitude_latitude(plane_m[np.newaxis])[0]
 
     def error_m(self, point, k):
-        """East and north of an estimate from the truth."""
+        """Return the error of an estimate, east and north, m."""
         plane = TangentPlane(*SITE)
         return np.diff(
             plane.from_longitude_latitude([self.truth_deg(k), [point.longitude_deg, point.latitude_deg]]),
@@ -71,7 +71,7 @@ class Descent:
         )[0]
 
     def write_map(self, path):
-        """The map, drawn again with larger pixels, in the orthographic projection about the site."""
+        """Write the map with larger pixels, in the orthographic projection about the site."""
         factor = self.map_pixel_m / PIXEL_M
         size = int(2000 / factor)
         image = cv2.resize(scene(self.map_seed), (size, size), interpolation=cv2.INTER_AREA)

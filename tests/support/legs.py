@@ -1,4 +1,4 @@
-"""Legs of light paths made by hand: the station at the origin, the target straight to the north of it."""
+"""Legs of light paths by hand: station at the origin, target to the north."""
 
 from types import SimpleNamespace
 
@@ -12,12 +12,12 @@ DISTANCE_M = 3.8e8
 
 
 def rows(values):
-    """One row."""
+    """Return an array of one row."""
     return np.array([values], dtype=np.float64)
 
 
 def state(up=(0.0, 0.0, 1.0), gcrs_m=(0.0, 0.0, 0.0), velocity=(0.0, 0.0, 0.0), up_rate=(0.0, 0.0, 0.0), n=1):
-    """Stations of which each is at the same place."""
+    """Return equal states of n stations."""
     return SimpleNamespace(
         gcrs_m=np.repeat(rows(gcrs_m), n, axis=0),
         gcrs_velocity_m_s=np.repeat(rows(velocity), n, axis=0),
@@ -30,7 +30,7 @@ def state(up=(0.0, 0.0, 1.0), gcrs_m=(0.0, 0.0, 0.0), velocity=(0.0, 0.0, 0.0), 
 
 
 def end(n, station="KASHI", **changes):
-    """Radio of 8.4 GHz without recorded weather at one station, but for what is changed."""
+    """Return ends of legs at one station: radio of 8.4 GHz without recorded weather, and changes."""
     weather = {
         name: np.broadcast_to(np.float64(changes.pop(name, np.nan)), n)
         for name in ("pressure_hpa", "temperature_k", "relative_humidity")
@@ -51,7 +51,7 @@ def end(n, station="KASHI", **changes):
 
 
 def leg(elevation_deg, **changes):
-    """Legs at elevations."""
+    """Return legs at elevations."""
     angle = np.radians(np.atleast_1d(elevation_deg))
     target_m = DISTANCE_M * np.stack([np.cos(angle), np.zeros(len(angle)), np.sin(angle)], axis=-1)
     return Leg(end(len(angle), **changes), state(n=len(angle)), target_m, np.zeros((len(angle), 3)))

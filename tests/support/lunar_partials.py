@@ -1,4 +1,4 @@
-"""How positions on the Moon answer to longitude, latitude and height."""
+"""Partials of positions on the Moon by longitude, latitude and height."""
 
 import numpy as np
 
@@ -7,7 +7,7 @@ from radioloc.lunar import east_north_up
 
 
 def cartesian_partials(longitude_rad, latitude_rad, height_m):
-    """Partial derivatives of x, y, z (rows) by longitude, latitude and height (columns), shape (..., 3, 3)."""
+    """Return partial derivatives of x, y, z (rows) by longitude, latitude and height (columns), shape (..., 3, 3)."""
     radius_m = MEAN_LUNAR_RADIUS_M + np.asarray(height_m)
     scale = np.stack(
         np.broadcast_arrays(radius_m * np.cos(latitude_rad), radius_m, 1.0 + 0.0 * radius_m), axis=-1

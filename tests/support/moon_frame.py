@@ -1,4 +1,4 @@
-"""The principal axes of DE421 for SPICE, which has them from a frames kernel."""
+"""Principal axes of DE421 in a frames kernel for SPICE."""
 
 from contextlib import contextmanager
 
@@ -19,7 +19,7 @@ FRAME_31006_CENTER    = 301
 
 @contextmanager
 def spice_moon(folder):
-    """Load DE421, its libration and the principal axes for a while."""
+    """Load DE421, its libration and the principal axes in SPICE."""
     (folder / "moon_pa.tf").write_text(PA_FRAME)
     files = find_kernel("DE421", "SPK"), find_kernel("DE421", "PCK"), folder / "moon_pa.tf"
     with spiceypy.KernelPool(list(map(str, files))):

@@ -1,4 +1,4 @@
-"""Post-Newtonian accelerations as Moyer (2003) writes them."""
+"""Post-Newtonian accelerations by Moyer (2003)."""
 
 import numpy as np
 
@@ -6,19 +6,20 @@ from radioloc.constants import C_M_S
 
 
 def post_newtonian(i, places, speeds, pulls, gm):
-    """Moyer (2003), eq. 4-26, beyond Newton's term, of body i by all others."""
+    """Return the post-Newtonian acceleration of body i by all sources, eq. 4-26."""
     total = np.zeros(3)
-    others = [j for j in range(len(gm)) if j != i]
-    apart = np.linalg.norm(places[:, None] - places[None], axis=-1)
-    for j in others:
-        away = places[i] - places[j]
-        bracket = -4.0 * sum(gm[k] / apart[i, k] for k in others)
-        bracket -= sum(gm[k] / apart[j, k] for k in range(len(gm)) if k != j)
+    sources = [j for j in range(len(gm)) if j != i]
+    distance = np.linalg.norm(places[:, None] - places[None], axis=-1)
+    for j in sources:
+        offset = places[i] - places[j]
+        bracket = -4.0 * sum(gm[k] / distance[i, k] for k in sources)
+        bracket -= sum(gm[k] / distance[j, k] for k in range(len(gm)) if k != j)
         bracket += speeds[i] @ speeds[i] + 2.0 * speeds[j] @ speeds[j] - 4.0 * speeds[i] @ speeds[j]
-        bracket -= 1.5 * (away @ speeds[j] / apart[i, j]) ** 2 + 0.5 * away @ pulls[j]
-        along = away @ (4.0 * speeds[i] - 3.0 * speeds[j])
-        total -= gm[j] * away / apart[i, j] ** 3 * bracket
+        bracket -= 1.5 * (offset @ speeds[j] / distance[i, j]) ** 2 + 0.5 * offset @ pulls[j]
+        projection = offset @ (4.0 * speeds[i] - 3.0 * speeds[j])
+        total -= gm[j] * offset / distance[i, j] ** 3 * bracket
         total += (
-            gm[j] / apart[i, j] ** 3 * along * (speeds[i] - speeds[j]) + 3.5 * gm[j] * pulls[j] / apart[i, j]
+            gm[j] / distance[i, j] ** 3 * projection * (speeds[i] - speeds[j])
+            + 3.5 * gm[j] * pulls[j] / distance[i, j]
         )
     return total / C_M_S**2

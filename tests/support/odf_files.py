@@ -1,4 +1,4 @@
-"""Orbit data files made bit by bit, independently of the reader."""
+"""Orbit data files bit by bit, independent of the reader."""
 
 import struct
 from itertools import groupby
@@ -42,11 +42,11 @@ TWO_WAY = {
     "item_21": 100,
     "transmitter_delay_ns": 77000,
 }
-"""A count of 1 s in S band."""
+"""Count of 1 s in S band."""
 
 
 def record(bits, values):
-    """One record of fields of bits; negative values in two's complement, what is not given is zero."""
+    """Return a record of bit fields: negative values in two's complement, missing ones zero."""
     assert set(values) <= set(bits)
     number = 0
     for name, width in bits.items():
@@ -55,12 +55,12 @@ def record(bits, values):
 
 
 def doppler(k, **changes):
-    """The k-th of counts without gaps."""
+    """Return the k-th of counts without gaps."""
     return TWO_WAY | {"time_s": START_S + k, "observable": -119 + 3 * k} | changes
 
 
 def ramp(station, start_s, stop_s, frequency_hz, rate_hz_s=0):
-    """One ramp of whole hertz."""
+    """Return a ramp of whole hertz."""
     return {
         "station": station,
         "start_s": start_s,
@@ -78,7 +78,7 @@ RAMPS = (
 
 
 def odf(orbit, ramps=RAMPS, clocks=(), *, label=(181, 1120410, 152917, 19500101, 0), padding=3):
-    """The bytes of a file with records that are given as dictionaries of their fields."""
+    """Return the bytes of a file with records from dictionaries of their fields."""
     records = []
 
     def group(key, second, contents, length=1):
@@ -87,28 +87,28 @@ def odf(orbit, ramps=RAMPS, clocks=(), *, label=(181, 1120410, 152917, 19500101,
 
     group(101, 0, [struct.pack(">8s8s5I", b"TDDS    ", b"AMMOS   ", *label)])
     group(107, 0, [b"TIMETAG OBSRVBL FREQ,ANCILLARY-DATA "])
-    group(109, 0, [record(ORBIT, one) for one in orbit])
-    for station, ramps_of_station in groupby(ramps, key=lambda one: one["station"]):
-        group(2030, station, [record(RAMP, one) for one in ramps_of_station])
+    group(109, 0, [record(ORBIT, row) for row in orbit])
+    for station, ramps_of_station in groupby(ramps, key=lambda row: row["station"]):
+        group(2030, station, [record(RAMP, row) for row in ramps_of_station])
     if clocks:
-        group(2040, 0, [record(CLOCK, one) for one in clocks])
+        group(2040, 0, [record(CLOCK, row) for row in clocks])
     group(-1, 0, [bytes(36)] * padding, length=0)
     return b"".join(records)
 
 
 def taken_apart(content):
     """Return records of orbit data and ramps as dictionaries of unsigned fields, read independently of the reader."""
-    found = {109: [], 2030: []}
+    records = {109: [], 2030: []}
     key = None
     for start in range(0, len(content), 36):
-        record = content[start : start + 36]
-        if record[16:] == bytes(20):
-            [key] = struct.unpack(">i", record[:4])
-        elif key in found:
-            number, left = int.from_bytes(record, "big"), 288
+        words = content[start : start + 36]
+        if words[16:] == bytes(20):
+            [key] = struct.unpack(">i", words[:4])
+        elif key in records:
+            number, shift = int.from_bytes(words, "big"), 288
             values = {}
             for name, width in (ORBIT if key == 109 else RAMP).items():
-                left -= width
-                values[name] = (number >> left) % 2**width
-            found[key].append(values)
-    return found[109], found[2030]
+                shift -= width
+                values[name] = (number >> shift) % 2**width
+            records[key].append(values)
+    return records[109], records[2030]

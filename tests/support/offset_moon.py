@@ -1,4 +1,4 @@
-"""A Moon that is a little elsewhere than its ephemeris says, and a little otherwise turned."""
+"""Displaced and rotated Moon, displaced stations and changed Earth orientation."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _Vectors = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OffsetEphemeris(Ephemeris):
-    """An ephemeris with the Moon moved along, across and out of its geocentric orbit; the rest stays.
+    """Ephemeris with the Moon displaced along, across and out of its geocentric orbit.
 
     Parameters
     ----------
@@ -32,30 +32,30 @@ class OffsetEphemeris(Ephemeris):
 
     @classmethod
     def of(cls, ephemeris: Ephemeris, offset_m: tuple[float, float, float]) -> OffsetEphemeris:
-        """Offset a given ephemeris."""
+        """Displace the Moon of an ephemeris."""
         return cls(ephemeris.name, ephemeris.constants, ephemeris.spk, offset_m)
 
     def geocentric(self, body: str, tdb: Epochs) -> tuple[_Vectors, _Vectors]:
-        """As :meth:`radioloc.ephemeris.Ephemeris.geocentric`."""
+        """Return the geocentric state, as :meth:`radioloc.ephemeris.Ephemeris.geocentric`."""
         return self.states((body,), tdb)[1][body]
 
     def states(
         self, bodies: Sequence[str], tdb: Epochs
     ) -> tuple[EarthState, dict[str, tuple[_Vectors, _Vectors]]]:
-        """As :meth:`radioloc.ephemeris.Ephemeris.states`."""
-        earth, found = Ephemeris.states(self, bodies, tdb)
-        if "moon" in found:
-            position_m, velocity_m_s = found["moon"]
+        """Return the states of the Earth and of bodies, as :meth:`radioloc.ephemeris.Ephemeris.states`."""
+        earth, states = Ephemeris.states(self, bodies, tdb)
+        if "moon" in states:
+            position_m, velocity_m_s = states["moon"]
             moved_m, moved_m_s = self._offset(position_m, velocity_m_s)
-            found["moon"] = position_m + moved_m, velocity_m_s + moved_m_s
-        return earth, found
+            states["moon"] = position_m + moved_m, velocity_m_s + moved_m_s
+        return earth, states
 
     def _offset(self, position_m: _Vectors, velocity_m_s: _Vectors) -> tuple[_Vectors, _Vectors]:
         momentum = np.cross(position_m, velocity_m_s)
         radial = position_m / np.linalg.norm(position_m, axis=-1)[:, None]
         cross = momentum / np.linalg.norm(momentum, axis=-1)[:, None]
         moved_m = np.array(self.offset_m) @ np.stack([radial, np.cross(cross, radial), cross], axis=1)
-        # The directions turn with the Moon; that the orbit's plane turns too is 500 times slower and left out.
+        # The directions turn with the Moon; the rotation of the orbital plane, 500 times slower, is neglected.
         turning_rad_s = momentum / np.sum(position_m**2, axis=-1)[:, None]
         return moved_m, np.cross(turning_rad_s, moved_m)
 
@@ -75,16 +75,14 @@ class OffsetOrientation(LunarOrientation):
 
     @classmethod
     def of(cls, orientation: LunarOrientation, rotation_rad: tuple[float, float, float]) -> OffsetOrientation:
-        """Offset a given orientation."""
+        """Rotate an orientation."""
         return cls(orientation.frame, orientation.frame_code, orientation.pck, rotation_rad)
 
     def angles(self, tdb: Epochs) -> tuple[_Vectors, _Vectors]:
-        """As :meth:`radioloc.ephemeris.LunarOrientation.angles`.
+        """Return the angles and their rates, as :meth:`radioloc.ephemeris.LunarOrientation.angles`.
 
-        Notes
-        -----
-        The angles change by what gives the rotation, as their rates give the angular velocity
-        (:func:`radioloc.lunar.angular_velocity_pa`, solved for the rates).
+        Changes of the angles follow from the rotation as their rates from the angular velocity
+        (:func:`radioloc.lunar.angular_velocity_pa`).
         """
         angles_rad, rates_rad_s = LunarOrientation.angles(self, tdb)
         _, theta, psi = angles_rad.T
@@ -111,7 +109,7 @@ def changed_model(
     ut1_s: float = 0.0,
     pole_rad: tuple[float, ...] = (0.0, 0.0),
 ) -> PhysicalModel:
-    """A model in which Moon, stations and the Earth's orientation are elsewhere: no partials are used."""
+    """Change Moon, stations and Earth orientation of a model, without partials."""
     table = model.earth.table
     moved = EopTable(
         table.mjd_utc,

@@ -1,4 +1,4 @@
-"""A plane as the ground that rays meet, for geometry by hand."""
+"""Plane as a surface for geometry by hand."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""Descents to the Moon as a camera sees them, frame by frame, with the truth known."""
+"""Frames of a descent to the Moon, with the truth."""
 
 import json
 import math
@@ -22,7 +22,7 @@ Image = NDArray[np.uint8]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Descent:
-    """A camera that descends to the point of contact of the ground's plane."""
+    """Camera that descends to the point of contact of the plane of the ground."""
 
     ground: Ground
     camera: Camera
@@ -37,7 +37,7 @@ class Descent:
     sun_azimuth_deg: float = 100.0
     sun_elevation_deg: float = 35.0
     blur_px: float = 0.7  # standard deviation of the optics' blur
-    noise: float = 2.0  # likewise of the values, of 255
+    noise: float = 2.0  # standard deviation of the values, of 255
     spacecraft: bool = True  # whether parts of it are in view
     seed: int = 0  # of attitudes, drift and noise
     _drawn: Floats = field(init=False, repr=False)
@@ -53,12 +53,12 @@ class Descent:
         return sun_direction(self.sun_azimuth_deg, self.sun_elevation_deg)
 
     def altitude_m(self, k: int) -> float:
-        """Height of a frame's camera above the ground at the point of contact, m."""
+        """Return the height of the camera above the ground at the point of contact, m."""
         first, last = self.altitudes_m
         return float(first * (last / first) ** (k / (self.frames - 1)))
 
     def model(self, k: int) -> FrameModel:
-        """The camera and pose of a frame, mean-Earth axes."""
+        """Return the camera and pose of a frame, mean-Earth axes."""
         altitude = self.altitude_m(k)
         part = k / (self.frames - 1)
         waves = np.array([math.sin(2.0 * math.pi * part), math.cos(3.0 * math.pi * part)])
@@ -70,7 +70,7 @@ class Descent:
         heading = math.radians(self.heading_deg)
         ahead = np.array([math.sin(heading), math.cos(heading), 0.0])
         level = float(self.ground.heights_at_m(np.zeros((1, 2)), self.altitudes_m[1] * 1e-3)[0])
-        # The camera's axis passes near the landing site; what it drifts to the side goes with the altitude.
+        # The axis of the camera passes near the landing site; the lateral drift is proportional to the altitude.
         place = -0.85 * altitude * math.tan(tilt) * ahead + 0.03 * altitude * np.array([east, north, 0.0])
         place[2] = MEAN_LUNAR_RADIUS_M + level + altitude
         # Camera axes: x to the right, y down in the image, z ahead; up in the image is the direction of flight.
@@ -84,7 +84,7 @@ class Descent:
         return FrameModel(self.camera, ConstantOrientation(axes.T @ place, axes.T @ rotation), self.shape)
 
     def frame(self, k: int) -> tuple[Image, Floats]:
-        """A frame in eight bits, and where its pixels are on the ground: east, north, height, m."""
+        """Return a frame in eight bits, and the ground of its pixels: east, north, height, m."""
         cv2 = load_opencv()
         brightness, points = self.ground.seen_by(self.model(k), self.sun)
         if self.blur_px > 0.0:
@@ -95,7 +95,7 @@ class Descent:
         return image, points
 
     def spacecraft_mask(self) -> NDArray[np.bool_]:
-        """Where parts of the spacecraft hide the ground, shape (lines, samples): a footpad and a strut."""
+        """Return the mask of a footpad and a strut, shape (lines, samples)."""
         lines, samples = self.shape
         line, sample = np.mgrid[:lines, :samples] / (lines - 1.0)
         width = (samples - 1.0) / (lines - 1.0)
@@ -104,13 +104,13 @@ class Descent:
         return np.asarray(footpad | (strut & (sample > width - 0.16)))
 
     def _parts(self) -> Image:
-        """Grey values of the spacecraft's parts, the same in each frame."""
+        """Return grey values of the spacecraft, equal in all frames."""
         cv2 = load_opencv()
         texture = np.random.default_rng(5).uniform(20.0, 235.0, (24, 24))
         return np.asarray(cv2.resize(texture, self.shape[::-1], interpolation=cv2.INTER_NEAREST), np.uint8)
 
     def lander(self) -> tuple[float, float, float]:
-        """Longitude and latitude, deg, and height, m, of the ground in the middle of the last frame: the truth."""
+        """Return true longitude and latitude, deg, and height, m, of the ground in the middle of the last frame."""
         lines, samples = self.shape
         middle = (0.5 * (samples - 1), 0.5 * (lines - 1))
         east, north, height = self.ground.point_seen(self.model(self.frames - 1), middle)
@@ -118,10 +118,7 @@ class Descent:
         return float(longitude), float(latitude), float(height)
 
     def write(self, folder: str | Path) -> Iterator[Path]:
-        """Write ``frames/0001.png`` and on, ``mask.png`` and ``truth.json``, one file each time that is asked for one.
-
-        ``truth.json`` has the lander's place and for each frame its altitude and pose.
-        """
+        """Write ``frames/0001.png``, ..., ``mask.png`` and ``truth.json`` (place, poses), one file at a time."""
         cv2 = load_opencv()
         folder = Path(folder)
         (folder / "frames").mkdir(parents=True, exist_ok=True)

@@ -1,4 +1,4 @@
-"""Procedural ground with craters of all sizes: its heights, what a camera sees of it, and maps of it."""
+"""Procedural ground with craters of all sizes: heights, images and maps."""
 
 import os
 from collections.abc import Callable
@@ -26,26 +26,24 @@ _BLOCK_LINES = 64
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Ground:
-    """Relief of fractal slopes and craters over heights that are given; one seed is one relief.
+    """Relief of fractal slopes and craters; one seed is one relief.
 
     Each octave of wavelengths has gradient noise with slopes of some 5 degrees, and craters in 60 % of its cells, from
-    fresh to worn; so craters are as many as the square of one over their size. Nothing casts shadows.
+    fresh to worn; so the number of craters is the inverse square of their size. Shadows are not cast.
     """
 
-    # Where it is; places are counted east and north of the point of contact, of the point on the sphere below.
+    # Places are east and north of the point of contact, projected from the point on the sphere.
     plane: TangentPlane
     seed: int = 0
     level_m: float = 0.0  # of the ground under the relief, above the 1737.4 km sphere
-    largest_m: float = (
-        4000.0  # longest wavelength of the relief that is added; craters are up to half as wide
-    )
+    largest_m: float = 4000.0  # longest wavelength of the relief; craters are up to half as wide
 
     def heights_at_m(self, east_north_m: ArrayLike, pixel_m: float) -> Floats:
-        """Heights above the 1737.4 km sphere at places, shape (n, 2), without what pixels of a size do not show, m."""
+        """Return heights above the 1737.4 km sphere at places, shape (n, 2), smoothed to the size of pixels, m."""
         return self._relief(np.ascontiguousarray(east_north_m, dtype=np.float64), pixel_m)[:, 0]
 
     def seen_by(self, model: FrameModel, sun: Floats) -> tuple[Floats, Floats]:
-        """Brightness, shape (lines, samples), and places (east, north, height, m) that a camera sees.
+        """Return brightness, shape (lines, samples), and places (east, north, height, m) in the view of a camera.
 
         The Sun's unit vector is east, north, up at the point of contact; brightness is 1 along its rays.
         """
@@ -63,7 +61,7 @@ class Ground:
         return brightness, points
 
     def point_seen(self, model: FrameModel, pixel: ArrayLike) -> Floats:
-        """East, north and height of the ground that a pixel (sample, line) of a camera shows, m, shape (3,)."""
+        """Return east, north and height of the ground at a pixel (sample, line), m, shape (3,)."""
         points = np.empty((1, 3))
         if self._look(model, np.array([0.0, 0.0, 1.0]), np.reshape(pixel, (1, 2)), np.empty(1), points):
             raise InputError(f"pixel {pixel!r} looks past the ground")
@@ -80,7 +78,7 @@ class Ground:
     ) -> None:
         """Write a map image about the point of contact as GeoTIFF, equidistant cylindrical, eight bits.
 
-        The map says that everything is `shift_m` east and north of where it is.
+        The map is displaced by `shift_m` to the east and north.
         """
 
         def values(relief: Floats) -> NDArray[np.uint8]:
@@ -134,7 +132,7 @@ class Ground:
     def _look(
         self, model: FrameModel, sun: Floats, pixels: ArrayLike, brightness: Floats, points_m: Floats
     ) -> int:
-        """Fill in brightness and places of pixels; how many of them look past the ground."""
+        """Fill in brightness and places of pixels; return the number of pixels without ground."""
         rays = model.rays(pixels)
         axes = self.plane.axes()
         missed: int = kernels.look(
@@ -160,7 +158,7 @@ class Ground:
 
 
 def as_bytes(brightness: Floats, sun: Floats, noise: float, seed: int) -> NDArray[np.uint8]:
-    """Eight bits, with noise of a standard deviation."""
+    """Return eight bits with noise of a standard deviation."""
     drawn = np.random.default_rng([seed, brightness.size]).normal(0.0, noise, brightness.shape)
     return in_bytes(brightness, sun, drawn)
 

@@ -1,4 +1,4 @@
-"""Compiled: fractal relief and craters of all sizes, from hashes of places, and rays that meet the ground."""
+"""Compiled loops: fractal relief and craters of all sizes from hashes of places, and intersections of rays."""
 
 import math
 
@@ -17,7 +17,7 @@ DEPTH, RIM = 0.36, 0.06
 ALBEDO = 0.04
 """Amplitude of each octave of brightness."""
 FINEST = 5.0
-"""Pixels of the shortest wavelength that is full; below three of them there is none."""
+"""Pixels of the shortest wavelength with full amplitude, which decreases to zero at three pixels."""
 MOST_STEPS = 25
 
 _K1 = np.uint64(0x9E3779B97F4A7C15)
@@ -30,7 +30,7 @@ _PART = np.uint64(0xFFF)
 
 @numba.njit(cache=True, nogil=True)
 def _mixed(i: int, j: int, octave: int, seed: np.uint64) -> np.uint64:
-    """A hash of a cell (the finalizer of splitmix64)."""
+    """Return a hash of a cell (the finalizer of splitmix64)."""
     h = seed + np.uint64(i) * _K1 + np.uint64(j) * _K2 + np.uint64(octave) * _K3
     h = (h ^ (h >> _S30)) * _K4
     h = (h ^ (h >> _S27)) * _K2
@@ -39,13 +39,13 @@ def _mixed(i: int, j: int, octave: int, seed: np.uint64) -> np.uint64:
 
 @numba.njit(cache=True, nogil=True)
 def _uniform(h: np.uint64, part: int) -> float:
-    """A number from 0 to 1 from twelve bits of a hash, parts 0 to 4."""
+    """Return a number from 0 to 1 from twelve bits of a hash, parts 0 to 4."""
     return (float((h >> np.uint64(12 * part)) & _PART) + 0.5) / 4096.0
 
 
 @numba.njit(cache=True, nogil=True)
 def _noise(x: float, y: float, octave: int, seed: np.uint64) -> tuple[float, float, float]:
-    """Gradient noise of unit wavelength, and its derivatives."""
+    """Return gradient noise of unit wavelength, and its derivatives."""
     i, j = math.floor(x), math.floor(y)
     fx, fy = x - i, y - j
     u, v = fx * fx * fx * (fx * (fx * 6.0 - 15.0) + 10.0), fy * fy * fy * (fy * (fy * 6.0 - 15.0) + 10.0)
@@ -65,7 +65,7 @@ def _noise(x: float, y: float, octave: int, seed: np.uint64) -> tuple[float, flo
 
 @numba.njit(cache=True, nogil=True)
 def _craters(x: float, y: float, octave: int, seed: np.uint64) -> tuple[float, float, float]:
-    """Craters of one size, in cells of unit width, and the derivatives of the height.
+    """Return craters of one size, in cells of unit width, and the derivatives of the height.
 
     They reach half a cell, so that none of the other cells than the nearest four matters.
     """
@@ -98,7 +98,7 @@ def _craters(x: float, y: float, octave: int, seed: np.uint64) -> tuple[float, f
 def height(
     x: float, y: float, pixel_m: float, largest_m: float, seed: np.uint64, level_m: float
 ) -> tuple[float, float, float]:
-    """Height at a place, and its derivatives by east and north.
+    """Return the height at a place, and its derivatives by east and north.
 
     What is finer than the pixels that look at it is left out.
     """
@@ -120,7 +120,7 @@ def height(
 
 @numba.njit(cache=True, nogil=True)
 def _albedo(x: float, y: float, pixel_m: float, largest_m: float, seed: np.uint64) -> float:
-    """How bright the ground itself is, about 1."""
+    """Return the albedo of the ground, about 1."""
     albedo, wavelength, octave = 1.0, largest_m, 0
     while True:
         weight = min((wavelength / pixel_m - 3.0) / (FINEST - 3.0), 1.0)
@@ -146,29 +146,29 @@ def look(
     brightness: Floats,
     points_m: Floats,
 ) -> int:
-    """Brightness and place of the ground that unit rays from a point meet; how many of them meet none.
+    """Compute brightness and place of the ground on unit rays from a point; return the number without ground.
 
     Axes are east, north and up at the plane's point of contact, from the Moon's centre. Places on the ground are
-    counted on that plane, of the point on the sphere below (orthographic).
+    orthographic projections of the point on the sphere.
     """
     missed = 0
-    above = math.sqrt(origin_m[0] ** 2 + origin_m[1] ** 2 + origin_m[2] ** 2)
-    # A first ray starts from the height of the ground below the camera, which may stand below the sphere or the grid.
-    below, _, _ = height(
-        radius_m * origin_m[0] / above,
-        radius_m * origin_m[1] / above,
+    radial_m = math.sqrt(origin_m[0] ** 2 + origin_m[1] ** 2 + origin_m[2] ** 2)
+    # The first ray starts from the height of the ground below the camera, which may be below the sphere.
+    nadir_m, _, _ = height(
+        radius_m * origin_m[0] / radial_m,
+        radius_m * origin_m[1] / radial_m,
         slope_per_pixel,
         largest_m,
         seed,
         level_m,
     )
-    level = below
+    level = nadir_m
     for k in range(len(directions)):
         dx, dy, dz = directions[k, 0], directions[k, 1], directions[k, 2]
-        along = (origin_m[0] * dx + origin_m[1] * dy + origin_m[2] * dz) / above
-        # The sphere at the height where the ray before met the ground.
-        c = above * above - (radius_m + level) ** 2
-        b = above * along
+        cosine = (origin_m[0] * dx + origin_m[1] * dy + origin_m[2] * dz) / radial_m
+        # Sphere at the height of the previous intersection.
+        c = radial_m * radial_m - (radius_m + level) ** 2
+        b = radial_m * cosine
         root = b * b - c
         if b >= 0.0 or root <= 0.0:
             missed += 1
@@ -176,39 +176,39 @@ def look(
             points_m[k, 0] = points_m[k, 1] = points_m[k, 2] = math.nan
             continue
         t = -b - math.sqrt(root)
-        h, hx, hy, x, y, r, pixel_m = 0.0, 0.0, 0.0, 0.0, 0.0, above, 0.0
+        h, hx, hy, x, y, r, pixel_m = 0.0, 0.0, 0.0, 0.0, 0.0, radial_m, 0.0
         px, py, pz = 0.0, 0.0, 0.0
         settled = False
-        outside, inside = 0.0, math.inf  # along the ray: points known above and below the ground
+        upper, lower = 0.0, math.inf  # distances above and below the ground
         for _ in range(MOST_STEPS):
             px, py, pz = origin_m[0] + t * dx, origin_m[1] + t * dy, origin_m[2] + t * dz
             r = math.sqrt(px * px + py * py + pz * pz)
             x, y = radius_m * px / r, radius_m * py / r
             pixel_m = t * slope_per_pixel
             h, hx, hy = height(x, y, pixel_m, largest_m, seed, level_m)
-            apart = r - radius_m - h
+            clearance = r - radius_m - h
             fall = (px * dx + py * dy + pz * dz) / r
-            # Newton's step with the slope of the ground where that is safe.
+            # Newton's step, bounded for steep ground.
             steep = fall - hx * (dx - fall * px / r) - hy * (dy - fall * py / r)
             if steep > 0.5 * fall:
                 steep = 0.5 * fall
-            if t < inside:
-                if apart > 0.0:
-                    outside = t
+            if t < lower:
+                if clearance > 0.0:
+                    upper = t
                 else:
-                    inside = t
-            t -= apart / steep
-            if abs(apart) < 0.05 * pixel_m:
+                    lower = t
+            t -= clearance / steep
+            if abs(clearance) < 0.05 * pixel_m:
                 settled = True
                 break
-            # Over rough ground, steps may lead from one side of a rim to the other again and again.
-            if not outside < t < inside:
-                t = 0.5 * (outside + inside)
+            # Over rough ground, steps may oscillate between the sides of a rim.
+            if not upper < t < lower:
+                t = 0.5 * (upper + lower)
         if not settled:
             missed += 1
-        level = h if radius_m + h < above else below
+        level = h if radius_m + h < radial_m else nadir_m
         points_m[k, 0], points_m[k, 1], points_m[k, 2] = x, y, h
-        # The normal in axes that are horizontal here; east and north turn by less than the image's own width.
+        # Normal in local horizontal axes.
         ux, uy, uz = px / r, py / r, pz / r
         nx, ny, nz = ux - hx, uy - hy, uz + hx * ux + hy * uy
         size = math.sqrt(nx * nx + ny * ny + nz * nz)
@@ -228,7 +228,7 @@ def look(
 def heights(
     east_north_m: Floats, pixel_m: float, largest_m: float, seed: np.uint64, level_m: float, out: Floats
 ) -> None:
-    """Heights of places, their derivatives and how bright the ground itself is, shape (n, 4)."""
+    """Compute heights of places, their derivatives and albedos, shape (n, 4)."""
     for k in range(len(east_north_m)):
         x, y = east_north_m[k, 0], east_north_m[k, 1]
         out[k, 0], out[k, 1], out[k, 2] = height(x, y, pixel_m, largest_m, seed, level_m)

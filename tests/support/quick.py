@@ -1,4 +1,4 @@
-"""What makes tests quick: which of many cases are run each time, and what is left out that others prove."""
+"""Selection of quick test cases, and fits and reports without slow parts that other tests cover."""
 
 from contextlib import contextmanager
 
@@ -7,7 +7,7 @@ import pytest
 
 @contextmanager
 def undrawn():
-    """Files of figures without a picture, for tests of what else is written: a picture takes 0.3 s."""
+    """Write figures as empty files; drawing one takes 0.3 s."""
 
     def save(figure, paths):
         for path in paths:
@@ -20,7 +20,7 @@ def undrawn():
 
 @contextmanager
 def unsearched():
-    """Fits without the search for what does not fit, half of the time of one of laser ranges."""
+    """Fit without consistency tests, half of the time of a fit of laser ranges."""
     from radioloc.estimation.consistency import Consistency
 
     with pytest.MonkeyPatch.context() as patch:
@@ -29,17 +29,17 @@ def unsearched():
 
 
 def some(cases, quick):
-    """Cases as parameters, those that are not among the quick ones marked as slow."""
+    """Return cases as parameters, marked as slow unless they are quick."""
     quick = list(quick)
     return [pytest.param(*_values(case), marks=() if case in quick else pytest.mark.slow) for case in cases]
 
 
-def each_with_one(cases, quick, others):
-    """Pairs of all cases with all others; of the quick ones each with one of the others, in turn."""
-    others = list(others)
+def each_with_one(cases, quick, options):
+    """Return all pairs of cases and options; each quick case has one of the options, in turn."""
+    options = list(options)
     return some(
-        [(case, other) for case in cases for other in others],
-        [(case, others[k % len(others)]) for k, case in enumerate(quick)],
+        [(case, option) for case in cases for option in options],
+        [(case, options[k % len(options)]) for k, case in enumerate(quick)],
     )
 
 

@@ -1,4 +1,4 @@
-"""Every reader of files, with the content of a small sound file that it reads."""
+"""Readers of files with the content of small valid files."""
 
 from pathlib import Path
 

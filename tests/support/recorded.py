@@ -1,4 +1,4 @@
-"""What a ``solution.json`` holds, made without a fit."""
+"""Content of a ``solution.json`` without a fit."""
 
 import numpy as np
 
@@ -9,14 +9,14 @@ from radioloc.lunar.selenographic import selenographic_to_cartesian
 
 
 def recorded(
-    name="lander", place=(-51.9162, 43.0584, -2550.0), sigma_m=(20.0, 10.0, 2.0), frame="ME_DE421", **more
+    name="lander", place=(-51.9162, 43.0584, -2550.0), sigma_m=(20.0, 10.0, 2.0), frame="ME_DE421", **fields
 ):
     """Return a solution at a longitude, latitude (deg) and height (m), with sigmas east, north and up."""
     longitude_deg, latitude_deg, height_m = place
     me_m = selenographic_to_cartesian(*np.radians([longitude_deg, latitude_deg]), height_m)
     ephemeris = frame.removeprefix("ME_")
-    known = CONSTANTS.get(ephemeris, CONSTANTS["DE421"])
-    pa_m = LunarPosition.from_cartesian(me_m, known.me_frame).to_axes("PA", known).xyz_m
+    constants = CONSTANTS.get(ephemeris, CONSTANTS["DE421"])
+    pa_m = LunarPosition.from_cartesian(me_m, constants.me_frame).to_axes("PA", constants).xyz_m
     geographic = {"longitude_deg": longitude_deg, "latitude_deg": latitude_deg, "height_m": height_m}
     axes, xyz = ("east_m", "north_m", "up_m"), ("x_m", "y_m", "z_m")
     variances = np.diag(np.square(sigma_m)).tolist()
@@ -32,14 +32,14 @@ def recorded(
         "fit": {"used": 10, "rejected": 0, "wrms_m": 0.5},
         "reference": None,
         "provenance": {},
-    } | more
+    } | fields
 
 
-def reference(name, longitude_deg, latitude_deg, height_m=-2550.0, **more):
+def reference(name, longitude_deg, latitude_deg, height_m=-2550.0, **fields):
     """Return a reference of a solution."""
     return {
         "name": name,
         "longitude_deg": longitude_deg,
         "latitude_deg": latitude_deg,
         "height_m": height_m,
-    } | more
+    } | fields

@@ -1,4 +1,4 @@
-"""Run the notebooks of examples/notebooks; as a program, keep what they show in their files.
+"""Run the notebooks of examples/notebooks; as a program, store their outputs.
 
 python tests/support/run_notebooks.py examples/notebooks/apollo15.ipynb
 """
@@ -12,7 +12,7 @@ from nbclient import NotebookClient
 
 
 def run(path: Path, folder: Path) -> nbformat.NotebookNode:
-    """The notebook with what its cells show in a fresh kernel that works in a folder; a cell that fails is an error."""
+    """Return a notebook with the outputs of a fresh kernel in a folder; a failing cell is an error."""
     notebook = nbformat.read(path, as_version=4)
     client = NotebookClient(
         notebook,

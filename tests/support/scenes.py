@@ -1,11 +1,11 @@
-"""Grounds with craters, and frames of them: a textured plane seen by a camera that descends, truth known."""
+"""Textured planes with craters, and frames of them by a descending camera, with the truth."""
 
 import cv2
 import numpy as np
 
 
 def ground(seed, size=1500, craters=1200, sun_deg=0.0):
-    """Grey values of a cratered plane: slopes toward the sun are bright. One seed is one terrain under any sun."""
+    """Return grey values of a cratered plane under a Sun; one seed is one terrain."""
     rng = np.random.default_rng(seed)
     heights = np.zeros((size, size), np.float32)
     for octave in range(1, 9):
@@ -28,7 +28,7 @@ def ground(seed, size=1500, craters=1200, sun_deg=0.0):
 
 
 def frame_matrix(centre, pixel, turn_deg=0.0, tilt=(0.0, 0.0), shape=(400, 400)):
-    """From pixels of a frame to those of the ground: centre, size of a pixel there, rotation, tilt (per pixel)."""
+    """Return the matrix from pixels of a frame to those of the ground, by centre, pixel size, rotation and tilt."""
     turn = np.radians(turn_deg)
     lines, samples = shape
     to_middle = np.array([[1, 0, -(samples - 1) / 2], [0, 1, -(lines - 1) / 2], [0, 0, 1.0]])
@@ -44,7 +44,7 @@ def frame_matrix(centre, pixel, turn_deg=0.0, tilt=(0.0, 0.0), shape=(400, 400))
 
 
 def frame(scene, matrix, shape=(400, 400), noise=2.0, seed=0, spacecraft=False):
-    """What a camera sees; the ground is smoothed first where pixels of the frame are larger than its own."""
+    """Return a frame of a scene, which is smoothed for larger pixels."""
     pixel = np.sqrt(abs(np.linalg.det(matrix[:2, :2])))
     smooth = cv2.GaussianBlur(scene, (0, 0), 0.4 * pixel) if pixel > 1.2 else scene
     flags = cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP
@@ -59,8 +59,8 @@ def frame(scene, matrix, shape=(400, 400), noise=2.0, seed=0, spacecraft=False):
 
 
 def spacecraft_mask(shape=(400, 400)):
-    """True where the spacecraft of :func:`frame` is."""
-    there = np.zeros(shape, np.uint8)
-    there[: shape[0] // 2, : shape[1] // 6] = 1
-    cv2.line(there, (shape[1] // 2, 0), (shape[1] - 1, shape[0] // 2), 1, 25)
-    return there.astype(bool)
+    """Return the mask of the spacecraft in :func:`frame`."""
+    mask = np.zeros(shape, np.uint8)
+    mask[: shape[0] // 2, : shape[1] // 6] = 1
+    cv2.line(mask, (shape[1] // 2, 0), (shape[1] - 1, shape[0] // 2), 1, 25)
+    return mask.astype(bool)

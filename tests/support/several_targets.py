@@ -1,4 +1,4 @@
-"""One scene of 25 minutes with targets of every kind, tracked by three stations, and studies of some of them."""
+"""Scene of 25 minutes with targets of every kind, tracked by three stations, and studies of some of them."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -33,19 +33,19 @@ SIGMA_M = {RANGE: 1.0, DOPPLER: 0.01}
 
 @dataclass(frozen=True)
 class Scene:
-    """Targets by name as studies have them a priori, their truth, and observations of all of them."""
+    """A-priori targets by name, their truth, and observations of all of them."""
 
     targets: dict
-    true: dict  # as scenarios have them
+    true: dict  # for scenarios
     observations: Observations
 
-    def study(self, *names, **more) -> Study:
-        """Return the study of some targets, whose parameters have wide priors where they are needed."""
+    def study(self, *names, **changes) -> Study:
+        """Return the study of some targets, with wide priors of orbits."""
         targets = {name: self.targets[name] for name in names}
         estimate = EstimateChoice(position="geographic" if {*names} - {"known", "craft", "other"} else "none")
         if {*names} & {"craft", "other"}:
             estimate = replace(estimate, orbit=OrbitChoice(state_sigma_m=1e3, state_sigma_m_s=1.0))
-        fields = {"targets": targets, "estimate": estimate, "consider_defaults": False} | more
+        fields = {"targets": targets, "estimate": estimate, "consider_defaults": False} | changes
         return Study(observations=ObservationChoice(targets=names), **fields)
 
 
@@ -75,19 +75,19 @@ def scene(folder: Path) -> Scene:
         wavelength_um=3.6e4,
     )
     model = PhysicalModel.build()
-    orbits = {name: one.orbit(model, table, ()) for name, one in flying.items()}
+    orbits = {name: orbiter.orbit(model, table, ()) for name, orbiter in flying.items()}
     write_orbit_spk(folder / "known.bsp", orbits["craft"].integrate(), body=BODY)
-    known = Trajectory.open(folder / "known.bsp", BODY)
+    trajectory = Trajectory.open(folder / "known.bsp", BODY)
     landing = study.simulation.position
-    true = {"lander": LANDER, "rover": ROVER, **flying, "known": known, "descent": landing}
-    motions = (LANDER, ROVER, *orbits.values(), known, landing.orbit_over(model, table.span(), 60.0))
+    true = {"lander": LANDER, "rover": ROVER, **flying, "known": trajectory, "descent": landing}
+    motions = (LANDER, ROVER, *orbits.values(), trajectory, landing.orbit_over(model, table.span(), 60.0))
     computed = ExactPredictor(model, table, motions, targets=names).compute()
     targets = {
         "lander": LunarPosition.from_selenographic(-51.88, 43.04, -2450.0, "ME_DE421"),
         "rover": LunarPosition.from_selenographic(-20.02, 10.01, -1450.0, "ME_DE421"),
         "craft": craft("craft", STATE + OFF),
         "other": craft("other", turned - OFF),
-        "known": known,
+        "known": trajectory,
         "descent": study.orbiter,
     }
     noise_m = table.sigma_m * np.random.default_rng(3).normal(size=len(table))

@@ -1,4 +1,4 @@
-"""SPK files with trajectories made for tests: a low lunar orbit, one about the Earth, a lander standing still."""
+"""SPK files of test trajectories: a low lunar orbit, an orbit about the Earth, a lander."""
 
 import struct
 from collections.abc import Callable
@@ -25,27 +25,27 @@ States = Callable[[np.ndarray], np.ndarray]
 def circular(
     radius_m: float, gm_m3_s2: float, inclination_deg: float = 85.0, node_deg: float = 40.0
 ) -> States:
-    """Keplerian motion in a circle."""
+    """Return Keplerian motion on a circle."""
     rate = np.sqrt(gm_m3_s2 / radius_m**3)
     i, node = np.radians([inclination_deg, node_deg])
-    along = np.array([np.cos(node), np.sin(node), 0.0])
+    to_node = np.array([np.cos(node), np.sin(node), 0.0])
     across = np.array([-np.sin(node) * np.cos(i), np.cos(node) * np.cos(i), np.sin(i)])
 
     def states(et_s: np.ndarray) -> np.ndarray:
         angle = rate * (np.asarray(et_s) - START_S)[:, None]
-        place = radius_m * (np.cos(angle) * along + np.sin(angle) * across)
-        return np.hstack([place, radius_m * rate * (np.cos(angle) * across - np.sin(angle) * along)])
+        place = radius_m * (np.cos(angle) * to_node + np.sin(angle) * across)
+        return np.hstack([place, radius_m * rate * (np.cos(angle) * across - np.sin(angle) * to_node)])
 
     return states
 
 
 def low_lunar_orbit(ephemeris: Ephemeris, height_m: float = 100e3) -> States:
-    """A circular orbit about the Moon: 1.6 m/s^2, 118 minutes."""
+    """Return a circular orbit about the Moon: 1.6 m/s^2, 118 minutes."""
     return circular(1737.4e3 + height_m, ephemeris.constants.gm_moon_m3_s2)
 
 
 def lander(libration: LunarOrientation, point_pa_m: np.ndarray) -> States:
-    """A point fixed to the Moon, seen from the Moon's centre."""
+    """Return the selenocentric motion of a point fixed to the Moon."""
 
     def states(et_s: np.ndarray) -> np.ndarray:
         angles, rates = libration.angles(Epochs.from_tdb_seconds(et_s))
@@ -104,13 +104,13 @@ def write_chebyshev(path: Path, states: States, *, length_s: float = 300.0, degr
 
 
 TYPES = (1, 2, 3, 8, 9, 12, 13, 21)
-"""Types of segments that are read."""
+"""Supported types of segments."""
 
 
 def write_random(
     path: Path, spk_type: int, spans_s: list[tuple[float, float]], rng: np.random.Generator
 ) -> Path:
-    """Write an SPK of any of the types that are read, with random numbers in one segment per span.
+    """Write an SPK of a supported type, with random numbers in one segment per span.
 
     SPICE has no writers of the types 1 and 21: their words take the place of those of a segment of type 8.
     """
@@ -156,7 +156,7 @@ def write_random(
 
 
 def _difference_lines(terms: int, finals_s: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Words of a segment of type 1 (15 terms) or 21."""
+    """Return the words of a segment of type 1 (15 terms) or 21."""
     n = len(finals_s)
     lines = np.zeros((n, 4 * terms + 11))
     lines[:, 0] = finals_s
@@ -201,5 +201,5 @@ def with_other_byte_order(data: bytes) -> bytes:
 def tracking(
     path: str, tai: Epochs, tag: str = "receive", kind: str = "range", count_s: float = 60.0
 ) -> Observations:
-    """Observations of any kind at epochs of TAI; the values mean nothing."""
+    """Return observations of any kind with arbitrary values at epochs of TAI."""
     return observations(path, tai, tag, kind, count_s=count_s if kind == "doppler" else np.nan)

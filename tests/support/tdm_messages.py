@@ -1,4 +1,4 @@
-"""Small Tracking Data Messages, built from what differs between them."""
+"""Small Tracking Data Messages from metadata and records."""
 
 import numpy as np
 
@@ -27,7 +27,7 @@ RANGES = ["RANGE = 2021-03-28T14:00:00.250 768800.1234567", "RANGE = 2021-03-28T
 
 
 def growth_m(observations, start, sent_from_s, sent_to_s):
-    """Growth of paths from cycles of a ramped uplink sent between two times, in s since a date (UTC)."""
+    """Return the growth of paths from cycles of a ramped uplink sent between two times, in s since a date (UTC)."""
     [name] = {observations.links[k].transmitter for k in observations.link}
     frequency, f0_hz = observations.ramps.of_station(name), observations.uplink_hz
     since_s = utc_to_tai(epochs_from_strings(start, "UTC")).seconds_since(frequency.origin)
@@ -39,12 +39,12 @@ def growth_m(observations, start, sent_from_s, sent_to_s):
 
 
 def lines_of(fields):
-    """Lines keyword = value; fields whose value is None are left out."""
+    """Return lines keyword = value, without fields of None."""
     return [f"{keyword} = {value}" for keyword, value in fields.items() if value is not None]
 
 
 def kvn(*segments, header=None):
-    """KVN lines of a message of segments, each a pair of metadata and record lines."""
+    """Return KVN lines of a message of segments, each a pair of metadata and record lines."""
     lines = lines_of(HEADER | (header or {}))
     for metadata, records in segments:
         lines += ["META_START", *lines_of(metadata), "META_STOP", "DATA_START", *records, "DATA_STOP"]
@@ -52,7 +52,7 @@ def kvn(*segments, header=None):
 
 
 def xml(*segments, prefix="", newline="\n"):
-    """XML text of the same message."""
+    """Return the XML text of the same message."""
 
     def element(name, content):
         return f"<{prefix}{name}>{content}</{prefix}{name}>"
@@ -62,8 +62,8 @@ def xml(*segments, prefix="", newline="\n"):
         fields = newline.join(element(k, v) for k, v in metadata.items() if v is not None)
         observations = []
         for record in records:
-            keyword, _, rest = record.partition("=")
-            epoch, value = rest.split()
+            keyword, _, fields_text = record.partition("=")
+            epoch, value = fields_text.split()
             content = f"{newline}{element('EPOCH', epoch)}{newline}{element(keyword.strip(), value)}{newline}"
             observations.append(element("observation", content))
         data = element("data", newline + newline.join(observations) + newline)

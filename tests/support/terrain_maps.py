@@ -1,4 +1,4 @@
-"""Maps of an analytic lunar surface, in the projections and formats that lunar maps come in."""
+"""Maps of an analytic lunar surface, in the projections and formats of lunar maps."""
 
 import numpy as np
 import rasterio
@@ -22,20 +22,20 @@ FLOAT32_M = 1e-3  # heights of 5 km as 32-bit floats
 
 
 def surface_m(longitude_rad, latitude_rad):
-    """Height with slopes everywhere, smooth across date line and poles: a polynomial of the unit vector."""
+    """Return a height with slopes everywhere, smooth across date line and poles: a polynomial of the unit vector."""
     x, y = np.cos(latitude_rad) * np.cos(longitude_rad), np.cos(latitude_rad) * np.sin(longitude_rad)
     z = np.sin(latitude_rad)
     return 1500.0 * x - 800.0 * z + 1000.0 * y + 3000.0 * x * y * z
 
 
 def on_map(affine, u, v):
-    """Map coordinates of column u, row v, counted from the map's corner."""
+    """Return map coordinates of column u, row v, counted from the map's corner."""
     a, b, c, d, e, f = tuple(affine)[:6]
     return a * u + b * v + c, d * u + e * v + f
 
 
 def heights_of_map(proj4, affine, rows, columns):
-    """The surface at the cells' centres."""
+    """Return heights at the centres of the cells."""
     u, v = np.meshgrid(np.arange(columns) + 0.5, np.arange(rows) + 0.5)
     x, y = on_map(affine, u.ravel(), v.ravel())
     lon, lat = (np.radians(a) for a in rasterio.warp.transform(CRS.from_proj4(proj4), LONGLAT, x, y))
@@ -158,7 +158,7 @@ END
 
 
 def write_pds3(folder, heights_m, **changes):
-    """A label and image like those of LOLA's gridded products (integers of 0.5 m above OFFSET)."""
+    """Write a label and image like those of LOLA's gridded products (integers of 0.5 m above OFFSET)."""
     lines, samples = heights_m.shape
     label = {
         "target": "MOON", "lines": lines, "samples": samples, "bytes": 2 * samples, "type": "LSB_INTEGER", "bits": 16,
@@ -176,5 +176,5 @@ def write_pds3(folder, heights_m, **changes):
 
 SMALL = Affine(CELL_M, 0, -10 * CELL_M, 0, -CELL_M, 10 * CELL_M)
 SLOPING = np.add.outer(np.arange(20) * 10.0, np.arange(20) * 30.0)
-HERE = degrees((1.1, 2.2))
-HERE_M = SLOPING[0, 0] + 10.0 * ((5.0 - 2.2) / 0.5 - 0.5) + 30.0 * ((5.0 + 1.1) / 0.5 - 0.5)  # a plane
+PLACE = degrees((1.1, 2.2))
+PLACE_M = SLOPING[0, 0] + 10.0 * ((5.0 - 2.2) / 0.5 - 0.5) + 30.0 * ((5.0 + 1.1) / 0.5 - 0.5)  # a plane

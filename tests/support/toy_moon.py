@@ -61,7 +61,7 @@ class ToyMoon:
         return ParameterSet([*position, *biases])
 
     def ranges(self, x: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Two-way range (n,), m, and its partials (n, p)."""
+        """Return two-way ranges (n,), m, and their partials (n, p)."""
         line = self.moon_m + self.rot_moon @ x[:3] - self.station_m
         one_way = np.linalg.norm(line, axis=1)
         by_position = 2.0 * np.einsum("ni,nij->nj", line / one_way[:, None], self.rot_moon)
@@ -94,9 +94,9 @@ def toy_solution(
     seed: int = 1,
     reference_pa_m: NDArray[np.float64] | None = None,
     reference_name: str = "reference",
-    **given: Any,
+    **fields: Any,
 ) -> Solution:
-    """Solution from made observations of :data:`LANDER_M` with normal noise and no biases."""
+    """Return a solution from simulated observations of :data:`LANDER_M` with normal noise and no biases."""
     n = len(model.time_s)
     truth = np.concatenate([LANDER_M, np.zeros(len(model.biased))])
     observed_m = model.ranges(truth)[0] + noise_factor * sigma_m * np.random.default_rng(seed).normal(size=n)
@@ -114,12 +114,12 @@ def toy_solution(
         "me_frame": "ME_DE421",
         "epoch_utc": Epochs.from_jd(EPOCH_JD, model.time_s / 86400.0, "UTC"),
         "station": model.station,
-        "path": given.get("station", model.station),
+        "path": fields.get("station", model.station),
         "type": ["range"] * n,
         "observed_m": observed_m,
         "name": "toy lander",
     }
-    solution = build_solution(edited, **(options | given))
+    solution = build_solution(edited, **(options | fields))
     if reference_pa_m is None:
         return solution
     return replace(solution, reference=compare_with(solution, reference_pa_m, reference_name))

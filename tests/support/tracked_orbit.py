@@ -1,4 +1,4 @@
-"""Doppler of a low polar orbit about the Moon that two stations track."""
+"""Doppler of a low polar lunar orbit by two stations."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -32,19 +32,19 @@ hours = {hours}
 defaults = false
 """
 OFF = (300.0, -200.0, 100.0, 0.3, -0.2, 0.1)
-"""How far a-priori states are off."""
+"""Errors of a-priori states."""
 FIRST_PASS_S = np.arange(1200.0, 5000.0, 60.0)
 PASSES_S = np.concatenate([FIRST_PASS_S, np.arange(7200.0, 12000.0, 60.0)])
 
 
-def craft(state, forces, gravity_errors=0, **more):
+def craft(state, forces, gravity_errors=0, **fields):
     return Orbiter(
-        EPOCH, tuple(state[:3]), tuple(state[3:]), forces, "craft", gravity_errors=gravity_errors, **more
+        EPOCH, tuple(state[:3]), tuple(state[3:]), forces, "craft", gravity_errors=gravity_errors, **fields
     )
 
 
 def tracked(model, forces, sigma_m, seconds=PASSES_S, state=STATE, seed=20120409, handover_s=6000.0):
-    """Counts of 60 s with noise, whether each is of what is not behind the Moon, and the orbit from the state on."""
+    """Return counts of 60 s with noise, whether each is usable, and the orbit."""
     tdb = EPOCH.shifted(seconds)
     empty = Observations.from_columns(
         epoch=tai_to_utc(tt_to_tai(tdb_to_tt(tdb))),
@@ -64,7 +64,7 @@ def tracked(model, forces, sigma_m, seconds=PASSES_S, state=STATE, seed=20120409
 
 
 def grail_study(folder, orbit, hours):
-    """Study file of the real Doppler of GRAIL-B, for keys of its orbit."""
+    """Write a study of the real Doppler of GRAIL-B, with keys of its orbit."""
     if not REAL.is_dir():
         pytest.skip(f"the real orbit data files are not here ({REAL})")
     (folder / "grail.toml").write_text(GRAIL.format(orbit=orbit, files=REAL, hours=hours))

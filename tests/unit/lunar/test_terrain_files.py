@@ -12,9 +12,9 @@ from terrain_maps import (
     EQC,
     FLOAT32_M,
     GLOBE,
-    HERE,
-    HERE_M,
     MAPS,
+    PLACE,
+    PLACE_M,
     SLOPING,
     SMALL,
     degrees,
@@ -141,14 +141,14 @@ def test_image_of_a_detached_label_names_the_label(tmp_path):
 def test_units_and_references(tmp_path, values, kwargs, open_with, quantity, unit, shift_m):
     model = TerrainModel.open(write(tmp_path / "a.tif", values, EQC, SMALL, **kwargs), **open_with)
     assert (model.metadata.quantity, model.metadata.unit) == (quantity, unit)
-    assert model.height_m(*HERE)[0] == pytest.approx(HERE_M + shift_m, abs=FLOAT32_M)
+    assert model.height_m(*PLACE)[0] == pytest.approx(PLACE_M + shift_m, abs=FLOAT32_M)
 
 
 def test_heights_above_the_map_s_own_sphere(tmp_path):
     proj4, affine = "+proj=longlat +R=1738000 +no_defs", Affine(0.5, 0, -5, 0, -0.5, 5)
     model = TerrainModel.open(write(tmp_path / "a.tif", SLOPING, proj4, affine))
     assert model.metadata.reference_radius_m == 1738000.0
-    assert model.height_m(*HERE)[0] == pytest.approx(HERE_M + 600.0, abs=FLOAT32_M)
+    assert model.height_m(*PLACE)[0] == pytest.approx(PLACE_M + 600.0, abs=FLOAT32_M)
 
 
 @pytest.mark.parametrize(

@@ -321,7 +321,7 @@ def _more_stations(plan: _Plan, fit: PlannedFit, target: int) -> Iterator[Improv
 
 
 def _with_candidate(name: str, scenario: Scenario, catalogue: StationCatalogue) -> tuple[str, list[Session]]:
-    """The sessions with a station, or a link given by its path, added where they are of its kind."""
+    """Add a station, or a link given by its path, to the sessions of its kind."""
     sessions = list(scenario.schedule.sessions)
     added: list[tuple[Pair, ...]] = []
     if "<" in name or ">" in name:

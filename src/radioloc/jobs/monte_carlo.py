@@ -274,7 +274,7 @@ class TrialFolder:
 
 
 def study_record(study: Study, hours: Sequence[float], seed: int) -> dict[str, Any]:
-    """What the trials of a study depend on, in types that JSON has; not their number."""
+    """Return the settings of the trials of a study, except their number, in types of JSON."""
     return {"versions": versions(), "seed": seed, "hours": list(hours), **settings_of(study)}
 
 

@@ -125,7 +125,7 @@ def known_positions(study: Study, constants: EphemerisConstants) -> list[tuple[s
 
 
 def model_of(study: Study) -> PhysicalModel:
-    """The physical model that a study is fitted with; errors as :func:`radioloc.locate`."""
+    """Return the physical model of a study; errors as :func:`radioloc.locate`."""
     choice = study.model
     uniform = None if choice.tec_tecu is None else UniformTec(choice.tec_tecu)
     return PhysicalModel.build(

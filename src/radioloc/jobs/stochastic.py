@@ -124,7 +124,7 @@ class StochasticProblem:
     def smoothed(
         self, state: OrbitState, fitted: EditedFit, order: SeriesOrder, suboptimal: ConsideredErrors | None
     ) -> OrbitState:
-        """The state of the smoothed orbit, with the errors of the orbit by interval where all is determined."""
+        """Return the state of the smoothed orbit, with errors by interval where all is determined."""
         fit = fitted.fit
         assert isinstance(fit.whitening, InformationFilter)
         found = self.again(fit)

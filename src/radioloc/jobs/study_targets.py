@@ -158,6 +158,6 @@ def apriori_points(study: Study, model: PhysicalModel) -> Motions:
 
 
 def position_in_pa(table: str, position: LunarPosition, constants: EphemerisConstants) -> LunarPosition:
-    """A position of the study in principal axes; an error names its table."""
+    """Return a position of the study in principal axes; an error names its table."""
     with error_context(f"{table} frame:"):
         return position.to_axes("PA", constants)

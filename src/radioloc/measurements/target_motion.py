@@ -44,7 +44,7 @@ class TargetMotion(Protocol):
         """Key that is equal for motions along the same trajectory."""
 
     def position_partials(self, tdb: Epochs) -> Floats | None:
-        """Partials of the position, ICRF axes, by the parameters, (n, 3, p); None if these are `position_pa_m`."""
+        """Return partials of the position, ICRF axes, by parameters, (n, 3, p); None if these are `position_pa_m`."""
 
     def restricted_to(self, first: Epochs, last: Epochs) -> TargetMotion:
         """Return the motion restricted to an interval of TDB."""

@@ -146,7 +146,7 @@ class ObservationRows:
         return self._at.rows(self.rows)
 
     def by_displacement(self, displacement_pa_m: Callable[[Epochs], Floats]) -> Floats:
-        """Partials by displacements of the target in principal axes, shape (m, components).
+        """Return partials by displacements of the target in principal axes, shape (m, components).
 
         At k epochs, TDB, `displacement_pa_m` returns the displacement by a unit of each component, m, shape
         (k, components, 3). Its periods are two days or more.

@@ -119,7 +119,7 @@ class LightTimes(Result):
         }
 
     def card(self) -> Card:
-        """The first rows of each link."""
+        """Return the first rows of each link."""
         count = plural(len(self), "row")
         unseen = f"; {self.unseen} left out, when a station does not see it" if self.unseen else ""
         pointing = "at reception, no refraction; apparent ra and dec, of date"
@@ -182,7 +182,7 @@ class Passes(Result):
         return asdict(self)
 
     def card(self) -> Card:
-        """A table of the passes."""
+        """Return a table of the passes."""
         heading = (*["target"] * bool(self.targets), "station", "rise", "set", "hours", "max, deg", "at")
         span = f"{self.start_utc} to {self.stop_utc} UTC"
         masks = sorted(set(self.masks_deg.values()))

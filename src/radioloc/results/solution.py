@@ -207,7 +207,7 @@ class Solution(Result):
         return [reference for reference in (self.reference, *self.references) if reference is not None]
 
     def of_target(self, name: str) -> Solution:
-        """The solution as seen from one of several targets: its position and covariance in place of the first's.
+        """Return the solution of one of several targets, with its position and covariance.
 
         Raises
         ------
@@ -502,7 +502,7 @@ class Solution(Result):
         return f"<Solution {self.name}: {place}, {'converged' if self.converged else 'NOT CONVERGED'}>"
 
     def _position_dict(self) -> dict[str, Any]:
-        """The position and how well it is known; None where the target moves along a trajectory."""
+        """Return the position with its uncertainty; None for a target on a trajectory."""
         if self.trajectory is not None:
             return {"position": None, "sigma": None, "covariance": None}
         levels: tuple[Level, ...] = ("scaled", "formal")

@@ -262,7 +262,7 @@ def _targets(solution: Solution) -> Iterator[str]:
 
 
 def _budget(solution: Solution) -> Field:
-    """Sources of the sigma, and what to improve first."""
+    """Return sources of the sigma, and the most effective improvements."""
     if not solution.position_estimated:
         return Field("budget")
     if not solution.position_determined:

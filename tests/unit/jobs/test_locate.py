@@ -204,19 +204,19 @@ def test_ephemeris_error_widens_the_total_sigma_only(apollo15, near15, unconside
 @pytest.fixture(scope="module")
 def thinned(apollo15, near15, model):
     """Some observations, their solution, and what each term adds to them."""
-    few = apollo15.select(slice(None, None, 12))
-    full = fit(few, near15)
+    sample = apollo15.select(slice(None, None, 12))
+    full = fit(sample, near15)
     return (
-        few,
+        sample,
         full,
-        radioloc.measurements.ExactPredictor(model, few, FixedPoint(full.position_pa_m)).terms(),
+        radioloc.measurements.ExactPredictor(model, sample, FixedPoint(full.position_pa_m)).terms(),
     )
 
 
 @pytest.mark.parametrize("term", list(radioloc.measurements.TERMS))
 def test_each_term_can_be_left_out(term, thinned, near15):
-    few, full, terms_m = thinned
-    found = fit(few, near15, model=ModelChoice(off=[term]))
+    sample, full, terms_m = thinned
+    found = fit(sample, near15, model=ModelChoice(off=[term]))
     assert found.provenance["terms_off"] == [term]
     assert f"terms switched off: {term}" in found.limitations
     # Nothing of ocean loading, axes or delays of equipment is known here, and light does not feel the ionosphere.
@@ -229,14 +229,16 @@ def test_each_term_can_be_left_out(term, thinned, near15):
 
 
 def test_model_of_the_caller_replaces_that_of_the_study(thinned, near15, model):
-    few, full, _ = thinned
-    solution = radioloc.locate(Study(target=near15), few, model=model.without("solid_earth_tide"))
-    of_study = fit(few, near15, model=ModelChoice(off=["solid_earth_tide"]))
+    sample, full, _ = thinned
+    solution = radioloc.locate(Study(target=near15), sample, model=model.without("solid_earth_tide"))
+    of_study = fit(sample, near15, model=ModelChoice(off=["solid_earth_tide"]))
     assert np.array_equal(solution.values, of_study.values)
     assert apart_m(solution, full) > 1e-3
     assert solution.provenance["terms_off"] == ["solid_earth_tide"]
     assert solution.provenance["study"] is None
-    residuals = radioloc.compute_residuals(Study(target=near15), few, model=model.without("solid_earth_tide"))
+    residuals = radioloc.compute_residuals(
+        Study(target=near15), sample, model=model.without("solid_earth_tide")
+    )
     assert residuals.provenance["terms_off"] == ["solid_earth_tide"]
 
 

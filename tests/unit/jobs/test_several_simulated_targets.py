@@ -19,7 +19,7 @@ velocity_m_s = [-567.864, -1434.223, -600.209]
 TRUE_LONGITUDE_DEG = -20.002
 
 
-def text(second, truth, *, kind_of_truth="position", more=""):
+def text(second, truth, *, kind_of_truth="position", extra=""):
     kinds = {"range": "sigma_m = 1.0", "doppler": "sigma_m = 0.001\ncount_s = 60.0"}
     sessions = "".join(
         f"""[simulation.sessions.{kind}]
@@ -49,7 +49,7 @@ defaults = false
 [simulation.targets.second.{kind_of_truth}]
 {truth}
 {sessions}
-{more}
+{extra}
 """
 
 
@@ -65,7 +65,7 @@ def lander_and_orbiter(tmp_path_factory):
     path = tmp_path_factory.mktemp("both") / "both.toml"
     forces = "[forces]\ndegree = 10\ngravity_errors = 0\n"
     path.write_text(
-        text(CRAFT, "position_m = [-575639.0, -463349.0, 1631639.0]", kind_of_truth="state", more=forces)
+        text(CRAFT, "position_m = [-575639.0, -463349.0, 1631639.0]", kind_of_truth="state", extra=forces)
     )
     return radioloc.read_study(path)
 
@@ -82,9 +82,9 @@ def test_each_target_is_simulated_at_its_truth(two_points):
     solution = radioloc.locate(replace(two_points, simulation=None), simulated.observations)
     assert solution.converged
     for truth in simulated.targets:
-        found = solution.of_target(truth.name)
-        error = (found.position_pa_m - truth.position_pa_m) @ truth.enu_pa.T
-        assert_at_truth(error, np.sqrt(np.diag(found.position_covariance("enu"))))
+        estimate = solution.of_target(truth.name)
+        error = (estimate.position_pa_m - truth.position_pa_m) @ truth.enu_pa.T
+        assert_at_truth(error, np.sqrt(np.diag(estimate.position_covariance("enu"))))
     east_m = 1737.4e3 * np.radians(0.002) * np.cos(np.radians(10.0))
     second = simulated.targets[1]
     apriori = two_points.targets["second"].to_axes("PA", PhysicalModel.build().ephemeris.constants)
@@ -108,33 +108,33 @@ def test_drawn_positions_are_those_of_each_target(two_points):
     drawn = radioloc.simulate(study, seed=4, draw_errors=True)
     assert {name.split(".")[1] for name in drawn.drawn} == {"lander", "second"}
     apriori = radioloc.simulate(study, seed=4)
-    for with_errors, without in zip(drawn.targets, apriori.targets, strict=True):
-        moved = (with_errors.position_pa_m - without.position_pa_m) @ without.enu_pa.T
-        expected = [drawn.drawn[f"position.{without.name}.{axis}"] for axis in ("east", "north", "up")]
+    for with_errors, nominal in zip(drawn.targets, apriori.targets, strict=True):
+        moved = (with_errors.position_pa_m - nominal.position_pa_m) @ nominal.enu_pa.T
+        expected = [drawn.drawn[f"position.{nominal.name}.{axis}"] for axis in ("east", "north", "up")]
         np.testing.assert_allclose(moved, expected, atol=1e-6)
 
 
 def test_planned_sigmas_of_each_target_are_those_of_the_trials(two_points):
     scenario = replace(two_points.simulation, truth_sigma=TruthSigma(position_enu_m=(3.0, 3.0, 3.0)))
-    found = radioloc.monte_carlo(replace(two_points, simulation=scenario), trials=150, hours=4.0)
-    assert found.linearity.passed
-    assert found.converged
+    trial_set = radioloc.monte_carlo(replace(two_points, simulation=scenario), trials=150, hours=4.0)
+    assert trial_set.linearity.passed
+    assert trial_set.converged
     planned = radioloc.covariance(replace(two_points, candidates=()), hours=4.0)
-    for trials, plan in zip((found, *found.others), (planned, *planned.others), strict=True):
+    for trials, plan in zip((trial_set, *trial_set.others), (planned, *planned.others), strict=True):
         np.testing.assert_allclose(np.median(trials.sigmas_m[:, 0], axis=0), plan.longest.sigma_m, rtol=0.05)
         assert trials.arcs[0].nees.low < trials.arcs[0].nees.mean < trials.arcs[0].nees.high
-    assert [result.name for result in found.others] == ["two, second"]
-    assert {"trials.csv", "trials_2.csv", "montecarlo.json"} == {*found.files()}
+    assert [result.name for result in trial_set.others] == ["two, second"]
+    assert {"trials.csv", "trials_2.csv", "montecarlo.json"} == {*trial_set.files()}
 
 
 @pytest.mark.study
 def test_trials_of_a_lander_and_an_orbiter_have_the_axes_of_each(lander_and_orbiter):
-    found = radioloc.monte_carlo(lander_and_orbiter, trials=100, hours=4.0)
-    assert found.linearity.passed
-    [craft] = found.others
-    assert (found.sides[0], craft.sides[0]) == ("east", "along")
-    assert not np.isnan(found.values).all(axis=(0, 1)).any()
-    for arc in (*found.arcs, *craft.arcs):
+    trial_set = radioloc.monte_carlo(lander_and_orbiter, trials=100, hours=4.0)
+    assert trial_set.linearity.passed
+    [craft] = trial_set.others
+    assert (trial_set.sides[0], craft.sides[0]) == ("east", "along")
+    assert not np.isnan(trial_set.values).all(axis=(0, 1)).any()
+    for arc in (*trial_set.arcs, *craft.arcs):
         assert arc.nees.low < arc.nees.mean < arc.nees.high
     assert "nees_state" in craft.columns
     planned = radioloc.covariance(replace(lander_and_orbiter, candidates=()), hours=4.0)

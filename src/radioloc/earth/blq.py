@@ -18,7 +18,7 @@ import numpy as np
 
 from radioloc.errors import DataQualityWarning, FileFormatError, InputError
 from radioloc.text_files import CUT_LINE, read_blocks
-from radioloc.units import in_unit
+from radioloc.units import read_only_array, set_fields
 from radioloc.vectors import Floats
 
 CONSTITUENTS = ("M2", "S2", "N2", "K2", "K1", "O1", "P1", "Q1", "MF", "MM", "SSA")
@@ -45,14 +45,13 @@ class BlqCoefficients:
 
     def __post_init__(self) -> None:
         for name, unit in (("amplitude_m", "m"), ("phase_lag_rad", "rad")):
-            table = np.array(in_unit(getattr(self, name), unit, name), dtype=np.float64)
+            table = read_only_array(getattr(self, name), unit, name)
             requirement = f"{name} of {self.site!r} must be 3 x {len(CONSTITUENTS)} finite numbers"
             if table.shape != (3, len(CONSTITUENTS)):
                 raise InputError(f"{requirement}, but has shape {table.shape}")
             if not np.isfinite(table).all():
                 raise InputError(f"{requirement}, but holds one that is not")
-            table.setflags(write=False)
-            object.__setattr__(self, name, table)
+            set_fields(self, **{name: table})
         if (self.amplitude_m < 0.0).any() or (self.amplitude_m > _MAX_AMPLITUDE_M).any():
             raise InputError(
                 f"ocean loading of {self.site!r} has amplitudes from {self.amplitude_m.min():g} to "

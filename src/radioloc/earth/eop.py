@@ -35,7 +35,7 @@ from radioloc.errors import CoverageError, FileFormatError, InputError, in_file
 from radioloc.quantities import accepts_quantities
 from radioloc.text_files import read_blocks
 from radioloc.time import Epochs, utc_to_tt
-from radioloc.units import in_unit
+from radioloc.units import in_unit, set_fields
 from radioloc.vectors import Floats
 
 _MJD_1972 = 41317.0
@@ -100,7 +100,7 @@ class EopTable:
             if not name.startswith("d") and not np.isfinite(column).all():
                 raise InputError(f"EOP column {name} holds a value that is not a finite number")
             column.setflags(write=False)
-            object.__setattr__(self, name, column)
+            set_fields(self, **{name: column})
         if (np.diff(self.mjd_utc) <= 0.0).any():
             raise InputError("the dates of EOP must rise from row to row")
         nodes = utc_to_tt(Epochs.from_jd(self.mjd_utc + MJD_ZERO_JD, 0.0, "UTC"))
@@ -119,9 +119,9 @@ class EopTable:
                 else "UT1-UTC of that day or the day before is wrong; correct the row, or fetch the file again"
             )
             raise InputError(f"UT1-TAI jumps by {jump_s:.3f} s at {day_of(self.mjd_utc[k + 1])}: {cause}")
-        object.__setattr__(self, "_nodes_tt", nodes)
+        set_fields(self, _nodes_tt=nodes)
         values = np.column_stack([ut1_minus_tt_s, self.xp_rad, self.yp_rad, self.dx_rad, self.dy_rad])
-        object.__setattr__(self, "_values", values)
+        set_fields(self, _values=values)
 
     def __repr__(self) -> str:
         return f"<EopTable {self.first_date} to {self.last_date}, measured to {self.last_measured_date}>"

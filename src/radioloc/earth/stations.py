@@ -25,7 +25,7 @@ from radioloc.earth.reference_frames import frames, to_itrf2020
 from radioloc.errors import InputError, StationError
 from radioloc.quantities import accepts_quantities
 from radioloc.time import Epochs
-from radioloc.units import as_metres, in_unit
+from radioloc.units import as_metres, in_unit, set_fields
 from radioloc.vectors import Floats
 
 KINDS = ("llr", "vlbi", "ttc")
@@ -125,10 +125,10 @@ class Station:
         for field, names in allowed.items():
             if (value := getattr(self, field)) not in names:
                 raise StationError(f"station {self.name}: {field} {value!r} is not one of {', '.join(names)}")
-        object.__setattr__(self, "aliases", tuple(self.aliases))
+        set_fields(self, aliases=tuple(self.aliases))
         year: Any = self.epoch_year
         if hasattr(year, "jyear"):
-            object.__setattr__(self, "epoch_year", year.tt.jyear)
+            set_fields(self, epoch_year=year.tt.jyear)
         self._set_numbers("epoch_year", "yr", ())
         self._set_numbers("itrf_m", "m", (3,))
         optional = {"velocity_m_yr": ("m / yr", (3,)), "sigma_m": ("m", ()), "axis_offset_m": ("m", ())}
@@ -204,7 +204,7 @@ class Station:
             requirement = "three finite numbers" if shape else "a finite number"
             raise StationError(f"station {self.name}: {field} must be {requirement}, but is {value}")
         numbers.setflags(write=False)
-        object.__setattr__(self, field, numbers if shape else float(numbers))
+        set_fields(self, **{field: numbers if shape else float(numbers)})
 
     def __repr__(self) -> str:
         extras = [] if self.velocity_known else ["velocity not known"]

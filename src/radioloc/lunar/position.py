@@ -20,7 +20,7 @@ from radioloc.lunar.selenographic import (
 )
 from radioloc.quantities import accepts_quantities
 from radioloc.time import Epochs
-from radioloc.units import as_metres
+from radioloc.units import as_metres, set_fields
 from radioloc.vectors import Floats
 
 
@@ -63,7 +63,7 @@ class LunarPosition:
                 "(1737.4 km, give or take 11 km); are the coordinates in metres?"
             )
         xyz.flags.writeable = False
-        object.__setattr__(self, "xyz_m", xyz)
+        set_fields(self, xyz_m=xyz)
 
     @classmethod
     def from_cartesian(cls, xyz_m: ArrayLike, frame: str) -> LunarPosition:

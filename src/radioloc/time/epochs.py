@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from radioloc.constants import J2000_JD, MJD_ZERO_JD, SECONDS_PER_DAY, UNIX_JD
 from radioloc.errors import InputError
-from radioloc.units import as_float_array
+from radioloc.units import as_float_array, set_fields
 from radioloc.vectors import Floats
 
 SCALES = ("UTC", "TAI", "TT", "TDB", "UT1")
@@ -40,7 +40,7 @@ class Epochs:
     def __post_init__(self) -> None:
         for name in ("jd", "fraction"):
             if type(getattr(self, name)) is not np.ndarray:
-                object.__setattr__(self, name, np.atleast_1d(_days(getattr(self, name), name)))
+                set_fields(self, **{name: np.atleast_1d(_days(getattr(self, name), name))})
 
     @classmethod
     def from_time(cls, time: Any) -> Epochs:

@@ -1,4 +1,4 @@
-"""Positions held against each other: an estimate against a known one, several estimates, and their joint estimate."""
+"""Comparison of positions: with a reference, of several estimates, and the joint estimate."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class ReferenceComparison(LocalDifference):
     combined_sigmas: float | None
 
     def to_dict(self) -> dict[str, Any]:
-        """Its numbers and the two lengths."""
+        """Return the fields and both distances for JSON."""
         return asdict(self) | {"horizontal_m": self.horizontal_m, "distance_m": self.distance_m}
 
 
@@ -123,7 +123,7 @@ class PositionEstimate:
 
     @classmethod
     def from_solution(cls, content: Mapping[str, Any]) -> PositionEstimate:
-        """Read what ``solution.json`` states; :class:`InputError` if there is no position."""
+        """Read the estimate of ``solution.json``; :class:`InputError` for a target without a position."""
         if not content["position"]:
             raise InputError(f"{content['name']}: the target moves along a trajectory; there is no position")
         provenance = content["provenance"]
@@ -140,7 +140,9 @@ class PositionEstimate:
             errors[f"ephemeris.{name}"] = axis * sigma_m
         total = np.array(content["covariance"]["enu_m2"], dtype=np.float64)
         files = provenance.get("files", ())
-        given = {item["sha256"] or item["file"] for item in study.get("inputs", ()) if item["file"] in files}
+        input_files = {
+            item["sha256"] or item["file"] for item in study.get("inputs", ()) if item["file"] in files
+        }
         return cls(
             content["name"],
             np.array([content["position"]["me"][f"{axis}_m"] for axis in "xyz"]),
@@ -154,7 +156,7 @@ class PositionEstimate:
             },
             frozenset(item["name"] for item in content.get("considered", ()) if item.get("in_weights")),
             _terrain_height(rows, provenance),
-            frozenset(given or files) | images,
+            frozenset(input_files or files) | images,
             images,
             None if sample is None else tuple(map(SampledSeries.from_dict, sample)),
             study.get("sha256"),
@@ -199,26 +201,28 @@ class PositionEstimate:
 
     def common_covariance(self, other: PositionEstimate) -> Floats:
         """Covariance of the errors of two estimates in the same axes that have no data in common, shape (3, 3)."""
-        found = np.zeros((3, 3))
-        theirs: dict[str, list[str]] = {}
+        covariance = np.zeros((3, 3))
+        names_of_other: dict[str, list[str]] = {}
         for name in (*other.errors_enu_m, *other.priors_enu_m):
-            theirs.setdefault(_without_number(name, other.spans_utc), []).append(name)
+            names_of_other.setdefault(_without_number(name, other.spans_utc), []).append(name)
         for name, moved_m in (*self.errors_enu_m.items(), *self.priors_enu_m.items()):
-            for same in theirs.get(_without_number(name, self.spans_utc), ()):
-                others = other.errors_enu_m if same in other.errors_enu_m else other.priors_enu_m
-                found += self._part_in_common(name, other, same) * np.outer(moved_m, others[same])
-        return found
+            for other_name in names_of_other.get(_without_number(name, self.spans_utc), ()):
+                other_effects = other.errors_enu_m if other_name in other.errors_enu_m else other.priors_enu_m
+                covariance += self._part_in_common(name, other, other_name) * np.outer(
+                    moved_m, other_effects[other_name]
+                )
+        return covariance
 
-    def _part_in_common(self, name: str, other: PositionEstimate, same: str) -> float:
+    def _part_in_common(self, name: str, other: PositionEstimate, other_name: str) -> float:
         """Correlation of an error with one of another estimate."""
         if self.terrain is not None and name == self.terrain.name:
             return self.terrain.correlation(float(np.linalg.norm(self.position_me_m - other.position_me_m)))
-        if name not in self.spans_utc or same not in other.spans_utc:
+        if name not in self.spans_utc or other_name not in other.spans_utc:
             return 1.0
-        return _overlap(self.spans_utc[name], other.spans_utc[same])
+        return _overlap(self.spans_utc[name], other.spans_utc[other_name])
 
     def contains(self, other: PositionEstimate) -> bool:
-        """Whether the data of another estimate are the first hours of this one's."""
+        """Return whether the data of another estimate of the study are a part of the data."""
         return self.study is not None and self.study == other.study and self.hours > other.hours
 
 
@@ -234,7 +238,7 @@ def _terrain_height(rows: Mapping[str, Any], provenance: Mapping[str, Any]) -> T
 
 @dataclass(frozen=True, slots=True)
 class Agreement:
-    """Distance of two estimates, and whether their sigmas allow it."""
+    """Difference of two estimates with its significance."""
 
     one: str
     two: str
@@ -242,7 +246,7 @@ class Agreement:
     sigma_enu_m: tuple[float | None, ...] | None = None  # None where there is no test, or no such component
     components: int = 0  # of east, north, up that both determine: degrees of freedom
     chi2: float | None = None  # None where there is no test
-    why: str = ""  # there is no test; else empty
+    why: str = ""  # reason for the lack of a test
 
     @property
     def chance(self) -> float | None:
@@ -252,7 +256,7 @@ class Agreement:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointEstimate:
-    """Joint estimate of several."""
+    """Joint estimate of a position from several solutions."""
 
     position_me_m: Floats  # (3,)
     covariance_enu_m2: Floats  # (3, 3), total
@@ -275,37 +279,39 @@ def agreement(one: PositionEstimate, two: PositionEstimate, *, horizontal: bool 
     less that of the whole (Hausman 1978), in which errors are that both are weighed by, and what the other errors move
     the one otherwise than the other.
     """
-    apart_m = local_difference(one.position_me_m, two.position_me_m).enu_m
-    compared = Agreement(one.name, two.name, tuple(apart_m.tolist()))
-    one, own = one.carried_to(two.position_me_m), np.ones(3, dtype=bool)
+    difference_m = local_difference(one.position_me_m, two.position_me_m).enu_m
+    result = Agreement(one.name, two.name, tuple(difference_m.tolist()))
+    one, has_own_data = one.carried_to(two.position_me_m), np.ones(3, dtype=bool)
     if one.contains(two) or two.contains(one):
-        part, whole = (two, one) if one.contains(two) else (one, two)
-        covariance = part.noise_enu_m2 - whole.noise_enu_m2
+        part, total = (two, one) if one.contains(two) else (one, two)
+        covariance = part.noise_enu_m2 - total.noise_enu_m2
         for name in dict.fromkeys([*one.errors_enu_m, *two.errors_enu_m]):
-            of_part, of_whole = (which.errors_enu_m.get(name, np.zeros(3)) for which in (part, whole))
-            if name in part.in_weights | whole.in_weights:
+            of_part, of_whole = (estimate.errors_enu_m.get(name, np.zeros(3)) for estimate in (part, total))
+            if name in part.in_weights | total.in_weights:
                 covariance = covariance + np.outer(of_part, of_part) - np.outer(of_whole, of_whole)
             else:
                 covariance = covariance + np.outer(of_part - of_whole, of_part - of_whole)
     elif one.shares_data(two):
-        return replace(compared, why="they share observations")
+        return replace(result, why="they share observations")
     else:
         common = one.common_covariance(two)
-        apart_m2 = one.total_enu_m2 + two.total_enu_m2
-        covariance = apart_m2 - common - common.T
-        own = np.diag(covariance) > _MIN_OWN_FRACTION * np.diag(apart_m2)
-    held = np.flatnonzero(np.isfinite(np.diag(covariance)) & [True, True, not horizontal] & own)
-    tested = covariance[np.ix_(held, held)]
-    if not held.size:
-        return replace(compared, why="the sigmas of one are not known")
+        sum_m2 = one.total_enu_m2 + two.total_enu_m2
+        covariance = sum_m2 - common - common.T
+        has_own_data = np.diag(covariance) > _MIN_OWN_FRACTION * np.diag(sum_m2)
+    components = np.flatnonzero(
+        np.isfinite(np.diag(covariance)) & [True, True, not horizontal] & has_own_data
+    )
+    tested = covariance[np.ix_(components, components)]
+    if not components.size:
+        return replace(result, why="the sigmas of one are not known")
     if not (np.linalg.eigvalsh(tested) > 0.0).all():
-        return replace(compared, why="one is stated to know as much from a part as the other from the whole")
+        return replace(result, why="one is stated to know as much from a part as the other from the whole")
     # Of a height that is not tested, a part may be stated to know as much as the whole.
     sigmas = tuple(
         None if variance < 0.0 else finite_or_none(math.sqrt(variance)) for variance in np.diag(covariance)
     )
-    statistic = float(apart_m[held] @ np.linalg.solve(tested, apart_m[held]))
-    return replace(compared, sigma_enu_m=sigmas, components=held.size, chi2=statistic)
+    statistic = float(difference_m[components] @ np.linalg.solve(tested, difference_m[components]))
+    return replace(result, sigma_enu_m=sigmas, components=components.size, chi2=statistic)
 
 
 def joint_estimate(estimates: Sequence[PositionEstimate]) -> JointEstimate | None:
@@ -316,8 +322,8 @@ def joint_estimate(estimates: Sequence[PositionEstimate]) -> JointEstimate | Non
     for item in order:
         if not np.isfinite(np.diag(item.noise_enu_m2)[:2]).all():
             left_out[item.name] = "its sigmas are not known"
-        elif others := [other.name for other in used if other.shares_data(item)]:
-            left_out[item.name] = f"it shares observations with {others[0]}"
+        elif shared := [other.name for other in used if other.shares_data(item)]:
+            left_out[item.name] = f"it shares observations with {shared[0]}"
         else:
             used.append(item)
     if len(used) < 2:
@@ -325,35 +331,35 @@ def joint_estimate(estimates: Sequence[PositionEstimate]) -> JointEstimate | Non
     origin_m = used[0].position_me_m
     # Directions and heights differ from one point to another, so offsets are taken anew at the estimate.
     for _ in range(_MAX_ITERATIONS):
-        offsets_m, there = zip(*(item.offset_from(origin_m) for item in used), strict=True)
+        offsets_m, shifted = zip(*(item.offset_from(origin_m) for item in used), strict=True)
         total = np.block(
             [
-                [one.total_enu_m2 if one is two else one.common_covariance(two) for two in there]
-                for one in there
+                [one.total_enu_m2 if one is two else one.common_covariance(two) for two in shifted]
+                for one in shifted
             ]
         )
-        held = np.isfinite(np.diag(total))
-        design = np.tile(np.eye(3), (len(used), 1))[held]
+        finite = np.isfinite(np.diag(total))
+        design = np.tile(np.eye(3), (len(used), 1))[finite]
         # What both have from one a-priori value alone would leave nothing to factorize.
         total += np.diag(1e-9 * np.diag(total))
-        root = np.linalg.cholesky(total[np.ix_(held, held)])
+        root = np.linalg.cholesky(total[np.ix_(finite, finite)])
         whitened = np.linalg.solve(root, design)
-        observed = np.linalg.solve(root, np.concatenate(offsets_m)[held])
+        observed = np.linalg.solve(root, np.concatenate(offsets_m)[finite])
         inverse = np.linalg.pinv(whitened.T @ whitened)
-        moved_m = inverse @ whitened.T @ observed
-        misfit = observed - whitened @ moved_m
-        before_m, origin_m = origin_m, displaced(origin_m, moved_m)
-        if np.linalg.norm(moved_m) < _STEP_TOLERANCE_M:
+        step_m = inverse @ whitened.T @ observed
+        misfit = observed - whitened @ step_m
+        previous_m, origin_m = origin_m, displaced(origin_m, step_m)
+        if np.linalg.norm(step_m) < _STEP_TOLERANCE_M:
             break
-    known = np.asarray(design.any(axis=0))
-    covariance = np.where(np.outer(known, known), inverse, np.nan)
+    determined = np.asarray(design.any(axis=0))
+    covariance = np.where(np.outer(determined, determined), inverse, np.nan)
     return JointEstimate(
         origin_m,
-        rotated_covariance(rot_enu_between(before_m, origin_m), covariance),
+        rotated_covariance(rot_enu_between(previous_m, origin_m), covariance),
         tuple(item.name for item in used),
         left_out,
         float(misfit @ misfit),
-        len(observed) - int(known.sum()),
+        len(observed) - int(determined.sum()),
     )
 
 

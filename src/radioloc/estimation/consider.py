@@ -1,8 +1,8 @@
-"""Considered parameters, and what the error of a position is made of.
+"""Consider parameters and the error budget of a position.
 
-Considered parameters are adjusted with their a-priori sigmas as the estimated ones are, but not reported. The weights
-of the observations thus include their covariance C: what one of their errors moves in common is down-weighted, and no
-posterior sigma exceeds its prior. With the covariance P of all adjusted parameters, the gain of an a-priori value is
+Consider parameters are adjusted with their a-priori sigmas and not reported. The weights of the observations thus
+include their covariance C: observations that an error affects in common are down-weighted, and no posterior sigma
+exceeds its prior. With the covariance P of all adjusted parameters, the gain of an a-priori value is
 K = P C^-1, and the covariance is the sum over the independent sources of K_i C_i K_i^T: the error budget.
 
 Two kinds of errors stay out of the weights. Those that a study names as `suboptimal` are held at their a-priori values
@@ -30,11 +30,13 @@ from radioloc.targets.orbit_state import EAST_NORTH_UP
 from radioloc.vectors import Floats
 
 NOISE, A_PRIORI, EPHEMERIS = "measurement noise", "a priori", "ephemeris"
-"""Sources of error that are no considered parameters."""
+"""Sources of error other than consider parameters."""
 
-_MIN_EFFECT_SIGMAS = 0.1  # of the estimate: its square is the relative change of a variance, 1 %
-_MIN_EFFECT_VARIANCE = 1e-4  # in parts of the variance of the residuals
-_EFFECT_COLUMN_COUNT = 16  # of more effects fewer rows are held together
+_MIN_EFFECT_SIGMAS = (
+    0.1  # smallest effect on the estimate: its square is the relative change of a variance, 1 %
+)
+_MIN_EFFECT_VARIANCE = 1e-4  # smallest variance of an effect relative to that of the residuals
+_EFFECT_COLUMN_COUNT = 16  # number of columns above which parts have fewer rows
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,11 +61,11 @@ class Consider:
 
     @property
     def covariance(self) -> Floats:
-        """What they add to the covariance of the estimate, shape (p, p)."""
+        """Contribution to the covariance of the estimate, shape (p, p)."""
         return np.asarray(self.sensitivity @ self.sensitivity.T)
 
     def to_list(self, enu_by_parameters: Floats | None) -> list[dict[str, Any]]:
-        """One record for each, the one that moves the position most first; no displacements without partials (3, p)."""
+        """Return records for JSON by descending effect on the position, which needs its partials (3, p)."""
         records: list[dict[str, Any]] = []
         for k, item in enumerate(self.parameters):
             records.append(
@@ -76,7 +78,7 @@ class Consider:
 
 
 def span_record(item: Parameter) -> dict[str, str]:
-    """When a parameter of a pass or another time begins and ends, which tells it from those of other arcs."""
+    """Begin and end of the interval of a parameter, for JSON; empty for parameters of the whole arc."""
     return {} if item.span_utc is None else dict(zip(("first_utc", "last_utc"), item.span_utc, strict=True))
 
 
@@ -95,74 +97,75 @@ class ReportedEstimate:
 def reported(fit: FitResult, covariance: Floats, suboptimal: ConsideredErrors | None) -> ReportedEstimate:
     """Separate the estimate from the considered parameters, whose errors are a part of `covariance` (all, all)."""
     considered = fit.parameters.considered
-    mine, of_errors = np.flatnonzero(~considered).tolist(), np.flatnonzero(considered).tolist()
+    estimated, considered_indices = np.flatnonzero(~considered).tolist(), np.flatnonzero(considered).tolist()
     effects = prior_effects(fit)
-    block = np.ix_(mine, mine)
+    block = np.ix_(estimated, estimated)
     formal, scaled = fit.covariance[block], covariance[block]
-    items = [fit.parameters.parameters[k] for k in of_errors]
+    items = [fit.parameters.parameters[k] for k in considered_indices]
     # An estimate follows an a-priori value, and goes against the error of one.
-    moved = -effects[np.ix_(mine, of_errors)]
-    moved[np.isinf(np.diag(formal))] = 0.0
-    formal, scaled = (_without(whole, moved @ moved.T) for whole in (formal, scaled))
+    shifts = -effects[np.ix_(estimated, considered_indices)]
+    shifts[np.isinf(np.diag(formal))] = 0.0
+    formal, scaled = (_without(matrix, shifts @ shifts.T) for matrix in (formal, scaled))
     in_weights = tuple(dict.fromkeys(item.kind for item in items))
     if suboptimal is not None:
-        moved = np.hstack([moved, sensitivity(fit, suboptimal).sensitivity[mine]])
+        shifts = np.hstack([shifts, sensitivity(fit, suboptimal).sensitivity[estimated]])
         items += suboptimal.parameters.parameters
     return ReportedEstimate(
-        ParameterSet([fit.parameters.parameters[k] for k in mine]),
-        fit.x[mine],
+        ParameterSet([fit.parameters.parameters[k] for k in estimated]),
+        fit.x[estimated],
         formal,
         scaled,
         effects[block],
-        Consider(ParameterSet(items), moved, in_weights) if items else None,
+        Consider(ParameterSet(items), shifts, in_weights) if items else None,
     )
 
 
 def sensitivity(fit: FitResult, suboptimal: ConsideredErrors) -> Consider:
     """Return the effect on all parameters of a fit of errors that are not in its weights, S = P A^T W B."""
-    moved = moved_by(fit, suboptimal.partials, len(suboptimal.parameters))
-    return Consider(suboptimal.parameters, moved * suboptimal.parameters.prior_sigmas)
+    shifts = moved_by(fit, suboptimal.partials, len(suboptimal.parameters))
+    return Consider(suboptimal.parameters, shifts * suboptimal.parameters.prior_sigmas)
 
 
 def _without(covariance: Floats, part: Floats) -> Floats:
-    """Covariance less a part of it, whose variances rounding leaves at zero or above."""
-    left = covariance - part
-    np.fill_diagonal(left, np.maximum(np.diag(left), 0.0))
-    return left
+    """Subtract a part of a covariance; variances that rounding makes negative are zero."""
+    difference = covariance - part
+    np.fill_diagonal(difference, np.maximum(np.diag(difference), 0.0))
+    return difference
 
 
 def moved_by(fit: FitResult, effects_m: RowsOf, count: int) -> Floats:
     """Sensitivity of the estimate, (p, count), to errors by their effects on observations (m,), (m, count)."""
-    # Directions that the data do not determine have no part in it: their variance is infinite already.
-    root, moved = fit.factor.root_covariance(), np.zeros((len(fit.parameters), count))
+    # Undetermined directions have an infinite variance already.
+    root, sensitivity_matrix = fit.factor.root_covariance(), np.zeros((len(fit.parameters), count))
     if not count:
-        return moved
-    along = np.zeros((root.shape[1], count))
+        return sensitivity_matrix
+    in_units = np.zeros((root.shape[1], count))
     whitened = fit.whitened_unit_partials()
     if isinstance(fit.whitening, TransposableWhitener):
-        # Weights of few parameters are brought to the observations, not many effects to independent combinations
+        # Weighting the few partials costs less than whitening many effects.
         for rows, weights in fit.whitening.transposed(whitened):
-            for some in slices(len(rows), 1 + count // _EFFECT_COLUMN_COUNT):
-                along += gram(weights[some], effects_m(rows[some]))
+            for rows_at_once in slices(len(rows), 1 + count // _EFFECT_COLUMN_COUNT):
+                in_units += gram(weights[rows_at_once], effects_m(rows[rows_at_once]))
     else:
         for partials, effects in zip(whitened, fit.whitening.whitened(effects_m), strict=True):
-            along += gram(partials, effects)
-    moved[fit.parameters.free] = root @ along
-    return moved
+            in_units += gram(partials, effects)
+    sensitivity_matrix[fit.parameters.free] = root @ in_units
+    return sensitivity_matrix
 
 
 def few_errors(effects: Floats, sigma_m: Floats, unit_partials: Floats, usable: NDArray[np.bool_]) -> Floats:
-    """Effects (n, r), m, of few independent errors of unit variance in place of all (n, c).
+    """Effects (n, r), m, of a few independent errors of unit variance that replace all (n, c).
 
-    Those are kept that move the estimate, by its partials (n, q) in units of its sigmas, or the residuals visibly.
+    They are the principal axes with a significant effect on the estimate, of partials (n, q) in units of its sigmas, or
+    on the residuals.
     """
     weights = (usable / sigma_m)[:, None]
     weighted, partials = effects * weights, unit_partials * weights
-    along = gram(partials, weighted)
-    of_residuals = gram(weighted, weighted) / (_MIN_EFFECT_VARIANCE * len(effects))
-    squares = along.T @ along + _MIN_EFFECT_SIGMAS**2 * of_residuals
-    sizes, axes = np.linalg.eigh(squares)
-    return times(effects, axes[:, np.cumsum(sizes) > _MIN_EFFECT_SIGMAS**2])
+    in_units = gram(partials, weighted)
+    residual_squares = gram(weighted, weighted) / (_MIN_EFFECT_VARIANCE * len(effects))
+    squares = in_units.T @ in_units + _MIN_EFFECT_SIGMAS**2 * residual_squares
+    values, axes = np.linalg.eigh(squares)
+    return times(effects, axes[:, np.cumsum(values) > _MIN_EFFECT_SIGMAS**2])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -230,36 +233,36 @@ def error_budget(
     def squared(moved_m: Floats, k: int) -> Floats:
         return np.asarray(moved_m[..., :, None, k] * moved_m[..., None, :, k])
 
-    of_priors_m = enu_by_parameters @ effects
-    found = {(NOISE, ""): enu_covariance_m2 - of_priors_m @ np.swapaxes(of_priors_m, -1, -2)}
+    prior_effects_m = enu_by_parameters @ effects
+    covariances = {(NOISE, ""): enu_covariance_m2 - prior_effects_m @ np.swapaxes(prior_effects_m, -1, -2)}
     shared = shared_prior_effects(parameters, effects)
-    rest: dict[str, tuple[str, str]] = {}
+    key_of_error: dict[str, tuple[str, str]] = {}
     for k, item in enumerate(parameters):
         # A-priori values that share errors are one source, less these errors.
         key = A_PRIORI, item.name.partition(".")[0] if item.prior_errors else item.name
         if item.role is Role.CONSIDERED:
             key = item.kind, owner(item)
-        found[key] = found.get(key, 0.0) + squared(of_priors_m, k)
-        rest |= dict.fromkeys(item.prior_errors, key)
-    for name, moved in shared.items():
-        kind, _, whose = name.partition(".")
-        of_error_m2 = squared((enu_by_parameters @ moved)[..., None], 0)
-        found[rest[name]] = found[rest[name]] - of_error_m2
-        key = kind, whose.rpartition(".")[0] or whose
-        found[key] = found.get(key, 0.0) + of_error_m2
+        covariances[key] = covariances.get(key, 0.0) + squared(prior_effects_m, k)
+        key_of_error |= dict.fromkeys(item.prior_errors, key)
+    for name, effect in shared.items():
+        kind, _, label = name.partition(".")
+        error_m2 = squared((enu_by_parameters @ effect)[..., None], 0)
+        covariances[key_of_error[name]] = covariances[key_of_error[name]] - error_m2
+        key = kind, label.rpartition(".")[0] or label
+        covariances[key] = covariances.get(key, 0.0) + error_m2
     if considered is not None:
-        of_errors_m = enu_by_parameters @ considered.sensitivity + direct_m
+        considered_effects_m = enu_by_parameters @ considered.sensitivity + direct_m
         for k, item in enumerate(considered.parameters):
             key = item.kind, owner(item)
-            found[key] = found.get(key, 0.0) + squared(of_errors_m, k)
-    found[EPHEMERIS, ""] = np.diag(ephemeris_sigma_enu_m**2)
-    items = (ErrorSource(*key, part.reshape(-1, 3, 3).mean(axis=0)) for key, part in found.items())
-    kept = (item for item in items if item.source not in (A_PRIORI, EPHEMERIS) or item.covariance_m2.any())
-    return tuple(sorted(kept, key=lambda item: -item.total_m))
+            covariances[key] = covariances.get(key, 0.0) + squared(considered_effects_m, k)
+    covariances[EPHEMERIS, ""] = np.diag(ephemeris_sigma_enu_m**2)
+    items = (ErrorSource(*key, part.reshape(-1, 3, 3).mean(axis=0)) for key, part in covariances.items())
+    nonzero = (item for item in items if item.source not in (A_PRIORI, EPHEMERIS) or item.covariance_m2.any())
+    return tuple(sorted(nonzero, key=lambda item: -item.total_m))
 
 
 def owner(item: Parameter) -> str:
-    """Whose a parameter is: its name without kind, component and number of the pass; nobody's of a drawn error."""
+    """Owner of a parameter: its name without kind, component and number of the pass; empty for a drawn error."""
     if item.kind not in PARAMETERS:
         return ""
     _, _, name = item.name.partition(".")
@@ -269,9 +272,9 @@ def owner(item: Parameter) -> str:
 
 
 def by_source(items: Iterable[ErrorSource]) -> list[ErrorSource]:
-    """Each source as a whole, the largest first."""
+    """Sum of the parts of each source, the largest first."""
     groups: dict[str, list[Floats]] = {}
     for item in items:
         groups.setdefault(item.source, []).append(item.covariance_m2)
-    wholes = (ErrorSource(source, "", np.sum(parts, axis=0)) for source, parts in groups.items())
-    return sorted(wholes, key=lambda whole: -whole.total_m)
+    totals = (ErrorSource(source, "", np.sum(parts, axis=0)) for source, parts in groups.items())
+    return sorted(totals, key=lambda total: -total.total_m)

@@ -47,7 +47,7 @@ _MIN_PRODUCT_VARIANCE_FRACTION = 1e-6  # below which a process is left out of pr
 _LOG_BAYES_FACTOR_WHITE = 3.0  # for white noise over another series' noise, to rule that out
 DENSE = 3.0
 """Observations in a correlation time, in the mean over a series, from which on its weights allow for the correlation.
-Fewer, such as laser normal points, hardly outweigh anything, and their few sessions tell a correlation badly."""
+Fewer observations, such as laser normal points, have little weight and determine a correlation poorly."""
 _MIN_FLICKER_OBSERVATIONS_PER_TAU = 1.0  # fewer than DENSE: the single process most like it may be short
 MIN_POINTS_LEFT = 20  # beyond the number of parameters, for a verdict
 _SIGNIFICANCE_LEVEL = 0.01  # a correlation missed costs a factor on the sigmas, one that is not there little
@@ -55,7 +55,7 @@ _SIGNIFICANCE_LEVEL = 0.01  # a correlation missed costs a factor on the sigmas,
 
 @dataclass(frozen=True, slots=True)
 class Series:
-    """What a series is and what it is called."""
+    """Identity of a series."""
 
     key: str  # no key occurs twice
     name: str
@@ -105,7 +105,7 @@ class SeriesNoise:
 
     @cached_property
     def correlation_time_s(self) -> float:
-        """Its correlation time: the mean by logarithms."""
+        """Logarithmic mean of the correlation times, s."""
         weight = self.coloured if self.coloured.any() else np.ones(len(self.tau_s))
         return float(np.exp((weight * np.log(self.tau_s)).sum() / weight.sum()))
 
@@ -167,7 +167,7 @@ class SeriesCorrelation:
 
 @dataclass(frozen=True, slots=True)
 class SeriesWeight:
-    """What a series with time-correlated residuals weighs.
+    """Weight of a series with time-correlated residuals.
 
     Parameters
     ----------
@@ -176,8 +176,8 @@ class SeriesWeight:
     count : int
         Its used observations.
     sigma_factor : float
-        Factor on the stated sigmas by which independent observations would tell the mean of the series as well, 1 or
-        more.
+        Factor on the stated sigmas, 1 or more, by which independent observations would determine the mean of the
+        series equally well.
     """
 
     name: str
@@ -186,13 +186,13 @@ class SeriesWeight:
 
     @property
     def weighed_as(self) -> float:
-        """How many independent observations would have the same weight together."""
+        """Number of independent observations with the same weight."""
         return self.count / self.sigma_factor**2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TimeCorrelation:
-    """What correlation in time adds to the uncertainty.
+    """Effect of correlation in time on the covariance.
 
     Parameters
     ----------
@@ -217,27 +217,27 @@ def noise_of_series(
     # one of them may be off. Noise is averaged over the likelihood, so it holds its own uncertainty; a c far beyond the
     # variance of the residuals, which the parameters would all have absorbed, counts for as much less (Gelman 2006).
     groups: dict[str, list[int]] = {}
-    for k, one in enumerate(points.series):
-        groups.setdefault(one.group, []).append(k)
-    found: dict[int, SeriesNoise] = {}
+    for k, series in enumerate(points.series):
+        groups.setdefault(series.group, []).append(k)
+    noise: dict[int, SeriesNoise] = {}
     length = np.diff(points.begin)
     likelihoods = [
-        RestrictedLikelihood.of(points, np.array(mine), sigmas, jointly=jointly)
-        for mine in groups.values()
-        if length[mine].max() >= MIN_POINTS_LEFT
+        RestrictedLikelihood.of(points, np.array(indices), sigmas, jointly=jointly)
+        for indices in groups.values()
+        if length[indices].max() >= MIN_POINTS_LEFT
     ]
-    long = [one.among(one.points_left >= MIN_POINTS_LEFT) for one in likelihoods]
-    long = [one for one in long if one.data]
-    for likelihood in long:
-        threshold = -math.log(_SIGNIFICANCE_LEVEL / len(long))
-        found |= _fitted(likelihood, threshold)
-    found |= _taken_over(points, long, found)
-    return {points.series[k].key: noise for k, noise in found.items()}
+    long_likelihoods = [series.among(series.points_left >= MIN_POINTS_LEFT) for series in likelihoods]
+    long_likelihoods = [series for series in long_likelihoods if series.data]
+    for likelihood in long_likelihoods:
+        threshold = -math.log(_SIGNIFICANCE_LEVEL / len(long_likelihoods))
+        noise |= _fitted(likelihood, threshold)
+    noise |= _taken_over(points, long_likelihoods, noise)
+    return {points.series[k].key: noise for k, noise in noise.items()}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _SeriesColumns:
-    """Points of a series, n, and what the parameters take of them."""
+    """Points of a series, n, and the partials that are projected out."""
 
     number: int  # which of the series
     step_s: Floats  # (n,)
@@ -258,35 +258,43 @@ class RestrictedLikelihood:
 
     @classmethod
     def of(
-        cls, points: Points, mine: NDArray[np.intp], sigmas: float | Floats, *, jointly: bool = True
+        cls, points: Points, series_indices: NDArray[np.intp], sigmas: float | Floats, *, jointly: bool = True
     ) -> RestrictedLikelihood:
         """Likelihood of some series; parameters have sigmas (q,), combinations without effect are left out."""
-        of_series = [points.of(k) for k in mine.tolist()]
+        of_series = [points.of(k) for k in series_indices.tolist()]
         scaled = [points.unit[part] * sigmas for part in of_series]
-        grams = np.array([gram(one, one) for one in scaled])
+        grams = np.array([gram(series_effects, series_effects) for series_effects in scaled])
         squares, axes = np.linalg.eigh(grams.sum(axis=0))
         axes = axes[:, squares > _MIN_PARAMETER_CHI2]
         effects = axes.T @ grams @ axes
-        own, own_axes = np.linalg.eigh(effects)
-        most = int((own > _MIN_SERIES_CHI2).sum(axis=1).max(initial=0))
-        turned = np.swapaxes(own_axes[:, :, len(axes.T) - most :], 1, 2)
+        series_squares, series_axes = np.linalg.eigh(effects)
+        max_columns = int((series_squares > _MIN_SERIES_CHI2).sum(axis=1).max(initial=0))
+        turned = np.swapaxes(series_axes[:, :, len(axes.T) - max_columns :], 1, 2)
         absorbed = np.trace(np.linalg.solve(np.eye(effects.shape[1]) + effects, effects), axis1=1, axis2=2)
         data = []
-        for k, part, one, to_own, taken in zip(
-            mine.tolist(), of_series, scaled, turned, absorbed.tolist(), strict=True
+        for k, part, series_effects, to_series, absorbed_points in zip(
+            series_indices.tolist(), of_series, scaled, turned, absorbed.tolist(), strict=True
         ):
             residual = points.residual[part]
-            columns = np.column_stack([one @ (axes @ to_own.T), residual])
-            inside = max(float(points.squares[k] - residual @ residual), 0.0)
+            columns = np.column_stack([series_effects @ (axes @ to_series.T), residual])
+            within_bins = max(float(points.squares[k] - residual @ residual), 0.0)
             data.append(
-                _SeriesColumns(k, points.step_s[part], points.gain[part], columns, to_own, taken, inside)
+                _SeriesColumns(
+                    k,
+                    points.step_s[part],
+                    points.gain[part],
+                    columns,
+                    to_series,
+                    absorbed_points,
+                    within_bins,
+                )
             )
         return cls(points, tuple(data), jointly)
 
     @property
     def mine(self) -> NDArray[np.intp]:
-        """Which of the series it is of."""
-        return np.array([one.number for one in self.data], dtype=np.intp)
+        """Indices of the series."""
+        return np.array([item.number for item in self.data], dtype=np.intp)
 
     def among(self, some: NDArray[np.bool_]) -> RestrictedLikelihood:
         """Likelihood of some of these series."""
@@ -294,9 +302,9 @@ class RestrictedLikelihood:
 
     @property
     def points_left(self) -> Floats:
-        """Points of each series beyond what the parameters absorb, (s,); none where there are no residuals."""
-        left = np.array([len(one.step_s) - one.absorbed for one in self.data])
-        return np.where(self.points.squares[self.mine] > 0.0, left, 0.0)
+        """Points of each series less those that the parameters absorb, (s,); zero for residuals of zero."""
+        counts = np.array([len(item.step_s) - item.absorbed for item in self.data])
+        return np.where(self.points.squares[self.mine] > 0.0, counts, 0.0)
 
     def at(self, tau_s: Floats, ratio: Floats, part: Floats | None = None) -> tuple[Floats, Floats, Floats]:
         """Log likelihoods of each and variances w, (s, cells), and log likelihoods of all together, (cells,)."""
@@ -308,41 +316,43 @@ class RestrictedLikelihood:
             tau_s = tau_s[:, None]
             part = np.ones(tau_s.shape)
         logs, variances = [], []
-        together = in_common = np.zeros(1)
-        for one in self.data:
-            count = int(self.points.count[one.number])
-            log_determinant, products = self._products(one, tau_s, part, ratio)
-            own, squares = eliminate(products)
-            white = squares / (count - one.absorbed)
-            logs.append(-0.5 * ((count - one.absorbed) * np.log(white) + log_determinant + own))
+        joint = in_common = np.zeros(1)
+        for item in self.data:
+            count = int(self.points.count[item.number])
+            log_determinant, products = self._products(item, tau_s, part, ratio)
+            item_log_determinant, squares = eliminate(products)
+            white = squares / (count - item.absorbed)
+            logs.append(
+                -0.5 * ((count - item.absorbed) * np.log(white) + log_determinant + item_log_determinant)
+            )
             variances.append(white)
-            together = together + count * np.log(white) + log_determinant
-            m = len(one.turned) + 1
-            from_common = np.zeros((one.turned.shape[1] + 1, m))
-            from_common[:-1, :-1], from_common[-1, -1] = one.turned.T, 1.0
+            joint = joint + count * np.log(white) + log_determinant
+            m = len(item.turned) + 1
+            from_common = np.zeros((item.turned.shape[1] + 1, m))
+            from_common[:-1, :-1], from_common[-1, -1] = item.turned.T, 1.0
             half = (from_common @ products.reshape(m, -1)).reshape(-1, *products.shape[1:])
             in_common = in_common + from_common @ half / white
         shared, squares = eliminate(in_common)
-        together = -0.5 * (together + shared + squares)
+        joint = -0.5 * (joint + shared + squares)
         log = np.array(logs)
         log = log[:, :-1] - log[:, -1:]
-        together = together[:-1] - together[-1] if self.jointly else log.sum(axis=0)
-        return log, np.array(variances)[:, :-1], together
+        joint = joint[:-1] - joint[-1] if self.jointly else log.sum(axis=0)
+        return log, np.array(variances)[:, :-1], joint
 
     def _products(
-        self, one: _SeriesColumns, tau_s: Floats, part: Floats, ratio: Floats
+        self, item: _SeriesColumns, tau_s: Floats, part: Floats, ratio: Floats
     ) -> tuple[Floats, Floats]:
         """Log-determinants of V over w (cells + 1,), and products of columns by its inverse, (m, m, cells + 1)."""
         from radioloc.estimation._kernels import filter_grid
 
-        mean = part * mean_correlation(float(self.points.width_s[one.number]), tau_s)
+        mean = part * mean_correlation(float(self.points.width_s[item.number]), tau_s)
         # What a process does inside a bin is white noise among its observations.
-        inside = np.append(1.0 + np.outer(1.0 - mean.sum(axis=1), ratio), 1.0)
-        variance = np.zeros((len(mean.T), len(inside)))
+        white_variance = np.append(1.0 + np.outer(1.0 - mean.sum(axis=1), ratio), 1.0)
+        variance = np.zeros((len(mean.T), len(white_variance)))
         variance[:, :-1] = (mean.T[:, :, None] * ratio).reshape(len(mean.T), -1)
-        log_determinant, products = filter_grid(one.step_s, tau_s.T, variance, one.gain, one.columns)
-        log_determinant += (self.points.count[one.number] - len(one.step_s)) * np.log(inside)
-        products[-1, -1] += one.inside / inside
+        log_determinant, products = filter_grid(item.step_s, tau_s.T, variance, item.gain, item.columns)
+        log_determinant += (self.points.count[item.number] - len(item.step_s)) * np.log(white_variance)
+        products[-1, -1] += item.inside / white_variance
         return log_determinant, products
 
 
@@ -355,55 +365,57 @@ def mean_correlation(width_s: float, tau_s: Floats) -> Floats:
 
 
 def _taken_over(
-    points: Points, told: Sequence[RestrictedLikelihood], found: dict[int, SeriesNoise]
+    points: Points, likelihoods: Sequence[RestrictedLikelihood], estimates: dict[int, SeriesNoise]
 ) -> dict[int, SeriesNoise]:
     """Noise of series too short to show theirs, the mean of their kind.
 
     White, they would outweigh the others: 15 observations would count as 15, not 2, beside 1200 that count as 8
     (`tests/unit/estimation/test_time_correlation.py`).
     """
-    known: dict[str, list[SeriesNoise]] = {}
-    for k, noise in found.items():
-        known.setdefault(points.series[k].kind, []).append(noise)
+    noises_of_kind: dict[str, list[SeriesNoise]] = {}
+    for k, noise in estimates.items():
+        noises_of_kind.setdefault(points.series[k].kind, []).append(noise)
     means: dict[str, SeriesNoise] = {}
-    for kind, noises in known.items():
-        tau_s, place = np.unique(np.concatenate([one.tau_s for one in noises]), return_inverse=True)
-        coloured = np.bincount(place, np.concatenate([one.coloured for one in noises])) / len(noises)
-        means[kind] = SeriesNoise(float(np.mean([one.white for one in noises])), tau_s, coloured)
-    others = {k: one.kind for k, one in enumerate(points.series) if k not in found and one.kind in means}
+    for kind, noises in noises_of_kind.items():
+        tau_s, place = np.unique(np.concatenate([noise.tau_s for noise in noises]), return_inverse=True)
+        coloured = np.bincount(place, np.concatenate([noise.coloured for noise in noises])) / len(noises)
+        means[kind] = SeriesNoise(float(np.mean([noise.white for noise in noises])), tau_s, coloured)
+    kind_of = {
+        k: noise.kind for k, noise in enumerate(points.series) if k not in estimates and noise.kind in means
+    }
     white = set[int]()
-    for likelihood in told:
-        left = np.array([k in others for k in likelihood.mine.tolist()])
-        if left.any():
-            some = likelihood.among(left)
-            mean = means[others[int(some.mine[0])]]
-            log, _, _ = some.at(np.array([mean.correlation_time_s]), np.array([mean.ratio]))
-            white |= set(some.mine[log[:, 0] <= -_LOG_BAYES_FACTOR_WHITE].tolist())
-    return {k: means[kind] for k, kind in others.items() if k not in white}
+    for likelihood in likelihoods:
+        is_short = np.array([k in kind_of for k in likelihood.mine.tolist()])
+        if is_short.any():
+            short_series = likelihood.among(is_short)
+            mean = means[kind_of[int(short_series.mine[0])]]
+            log, _, _ = short_series.at(np.array([mean.correlation_time_s]), np.array([mean.ratio]))
+            white |= set(short_series.mine[log[:, 0] <= -_LOG_BAYES_FACTOR_WHITE].tolist())
+    return {k: means[kind] for k, kind in kind_of.items() if k not in white}
 
 
 def _fitted(likelihood: RestrictedLikelihood, threshold: float) -> dict[int, SeriesNoise]:
     """Noise of each series of a group; none where the group shows no correlation."""
     from scipy.linalg import block_diag
 
-    points, mine = likelihood.points, likelihood.mine
-    tau_s = _tried_taus_s(points, mine)
+    points, indices = likelihood.points, likelihood.mine
+    tau_s = _tried_taus_s(points, indices)
     coarse_taus_s, coarse_ratios = tau_s[::_COARSE_TAU_STEP], RATIOS[::_COARSE_RATIO_STEP]
-    _, _, together = likelihood.at(coarse_taus_s, coarse_ratios)
-    if together.max() < 0.5 * threshold - 1.0:
+    _, _, joint = likelihood.at(coarse_taus_s, coarse_ratios)
+    if joint.max() < 0.5 * threshold - 1.0:
         return {}
-    best = int(together.argmax())
-    near = together > together.max() - _MAX_LOG_LIKELIHOOD_LOSS
-    at_tau, at_ratio = np.nonzero(near.reshape(len(coarse_taus_s), -1))
+    best = int(joint.argmax())
+    is_likely = joint > joint.max() - _MAX_LOG_LIKELIHOOD_LOSS
+    at_tau, at_ratio = np.nonzero(is_likely.reshape(len(coarse_taus_s), -1))
     taus, ratios = (
-        slice(max(0, int(at.min() - 1) * each), int(at.max() + 1) * each + 1)
-        for at, each in ((at_tau, _COARSE_TAU_STEP), (at_ratio, _COARSE_RATIO_STEP))
+        slice(max(0, int(at.min() - 1) * step), int(at.max() + 1) * step + 1)
+        for at, step in ((at_tau, _COARSE_TAU_STEP), (at_ratio, _COARSE_RATIO_STEP))
     )
-    taus_of_flicker_s, part = _flicker_shape(points, mine, tau_s[0])
+    taus_of_flicker_s, part = _flicker_shape(points, indices, tau_s[0])
     # Either is as likely before: cells of both have the same weight together.
     odds = math.log(len(tau_s) * _FLICKER_RATIO_STEP)
-    spans_s = [float(points.step_s[points.of(k)].sum()) for k in mine]
-    in_tau = points.count[mine].sum() * coarse_taus_s[best // len(coarse_ratios)] / sum(spans_s)
+    spans_s = [float(points.step_s[points.of(k)].sum()) for k in indices]
+    in_tau = points.count[indices].sum() * coarse_taus_s[best // len(coarse_ratios)] / sum(spans_s)
     if in_tau < _MIN_FLICKER_OBSERVATIONS_PER_TAU:
         odds = -math.inf
     wider = slice(
@@ -411,40 +423,40 @@ def _fitted(likelihood: RestrictedLikelihood, threshold: float) -> dict[int, Ser
     )
     tau_s, ratio, flicker_ratio = tau_s[taus], RATIOS[ratios], RATIOS[wider]
     tried = [likelihood.at(tau_s, ratio), likelihood.at(taus_of_flicker_s, flicker_ratio, part)]
-    _, white, together = (np.concatenate(both, axis=-1) for both in zip(*tried, strict=True))
+    _, white, joint = (np.concatenate(arrays, axis=-1) for arrays in zip(*tried, strict=True))
     cells = len(tau_s) * len(ratio)
     ratio = np.concatenate([np.tile(ratio, len(tau_s)), flicker_ratio])
     if odds == -math.inf:
-        together[cells:] = odds
+        joint[cells:] = odds
     # Two parameters more than white noise: chi-square of two degrees of freedom, 1 - exp(-x / 2).
-    if together.max() < threshold:
+    if joint.max() < threshold:
         return {}
-    together[cells:] += odds
-    variance = (points.squares[mine] / points.count[mine])[:, None]
+    joint[cells:] += odds
+    variance = (points.squares[indices] / points.count[indices])[:, None]
     coloured = white * ratio
-    weight = np.exp(together - together.max()) / (1.0 + coloured / variance)
+    weight = np.exp(joint - joint.max()) / (1.0 + coloured / variance)
     weight /= weight.sum(axis=1, keepdims=True)
     single = np.repeat(np.eye(len(tau_s)), cells // len(tau_s), axis=0)
     shares = block_diag(single, np.repeat(part, len(flicker_ratio), axis=0))
     tau_s = np.concatenate([tau_s, taus_of_flicker_s[0]])
     values = (weight * white).sum(axis=1).tolist(), (weight * coloured) @ shares
-    return {k: SeriesNoise(w, tau_s, c) for k, w, c in zip(mine.tolist(), *values, strict=True)}
+    return {k: SeriesNoise(w, tau_s, c) for k, w, c in zip(indices.tolist(), *values, strict=True)}
 
 
-def _flicker_shape(points: Points, mine: NDArray[np.intp], least_s: float) -> tuple[Floats, Floats]:
+def _flicker_shape(points: Points, indices: NDArray[np.intp], least_s: float) -> tuple[Floats, Floats]:
     """Correlation times, up to the longest span, and shares of processes that add up to flicker noise, both (1, p)."""
-    span_s = _MAX_FLICKER_SPANS * max(float(points.step_s[points.of(k)].sum()) for k in mine)
+    span_s = _MAX_FLICKER_SPANS * max(float(points.step_s[points.of(k)].sum()) for k in indices)
     p = math.ceil(math.log10(max(span_s / least_s, 10.0)) / _FLICKER_STEP_DECADES) + 1
     tau_s = np.logspace(math.log10(least_s), math.log10(max(span_s, 10.0 * least_s)), p)
     return tau_s[None], np.full((1, p), 1.0 / p)
 
 
-def _tried_taus_s(points: Points, mine: NDArray[np.intp]) -> Floats:
+def _tried_taus_s(points: Points, indices: NDArray[np.intp]) -> Floats:
     """Correlation times that are tried for a group, s, from a step to half the longest span."""
-    steps_s = [points.step_s[points.of(k)] for k in mine]
+    steps_s = [points.step_s[points.of(k)] for k in indices]
     least_s = min(
         width_s or float(np.median(step_s[step_s > 0.0]))
-        for width_s, step_s in zip(points.width_s[mine].tolist(), steps_s, strict=True)
+        for width_s, step_s in zip(points.width_s[indices].tolist(), steps_s, strict=True)
         if step_s.any()
     )
     most_s = max(0.5 * max(float(step_s.sum()) for step_s in steps_s), 2.0 * least_s)

@@ -1,4 +1,4 @@
-"""What the noise of a type is made of: stations and links that are noisier, errors of stations that delays share.
+"""Structure of the noise of a type: noisier stations and links, and shared errors of stations in delays.
 
 A station or link that is noisier or quieter than the others of its type has a variance component of its own. The
 squares of the residuals over their sigmas are compared between each station (each link) and the rest of its type. Two
@@ -81,7 +81,7 @@ def split(fit: FitResult, order: SeriesOrder, groups: Labels, added_m: Mapping[s
     if not candidates:
         return None
     limit = 0.5 * (1.0 - SCALING_PROBABILITY) / len(candidates)  # noisier or quieter
-    sides = np.array([one[1] for one in candidates], dtype=np.float64)
+    sides = np.array([candidate[1] for candidate in candidates], dtype=np.float64)
     mean = (sides @ squares).sum(axis=2) / (sides @ counts).sum(axis=2)
     sides = np.take_along_axis(sides, np.argsort(-mean, axis=1, kind="stable")[:, :, None], axis=1)
     sums, numbers = sides @ squares, sides @ counts
@@ -93,14 +93,16 @@ def split(fit: FitResult, order: SeriesOrder, groups: Labels, added_m: Mapping[s
     gain = of_both * count.sum(axis=1) - (count * scatter).sum(axis=1)
     significant = np.flatnonzero(chances <= limit)
     for k in significant[np.argsort(-gain[significant], kind="stable")].tolist():
-        name, (mine, _) = candidates[k]
-        taken = mine[order.code]
+        name, (members, _) = candidates[k]
+        is_member = members[order.code]
         # What parameters take out of residuals is looked at last, as it takes the partials of all
         dof = np.array([_dof(fit, side[order.code] > 0.0) for side in sides[k]])
-        stated = not added_m[groups.texts[groups.codes[taken.argmax()]]] > 0.0
-        enough = stated and sums[k, 0].sum() <= chi2_quantile(SCALING_PROBABILITY, round(dof[0]))
-        if chances_of_noisier(sums[k], numbers[k], dof) < limit and not enough:
-            return Labels.coded((*groups.texts, name), np.where(taken, len(groups.texts), groups.codes))
+        has_no_component = not added_m[groups.texts[groups.codes[is_member.argmax()]]] > 0.0
+        is_explained = has_no_component and sums[k, 0].sum() <= chi2_quantile(
+            SCALING_PROBABILITY, round(dof[0])
+        )
+        if chances_of_noisier(sums[k], numbers[k], dof) < limit and not is_explained:
+            return Labels.coded((*groups.texts, name), np.where(is_member, len(groups.texts), groups.codes))
     return None
 
 
@@ -110,21 +112,21 @@ def _candidates(
     """Name of each station that receives and of each link, and rows of its series and the others, (2, series)."""
     group_of = np.full(len(order.series), -1)
     group_of[order.code] = groups.codes
-    found: dict[tuple[int, tuple[int, ...]], str] = {}
+    name_of_part: dict[tuple[int, tuple[int, ...]], str] = {}
     for group in np.unique(group_of[codes]).tolist():
-        whole = codes[group_of[codes] == group].tolist()
-        stations = order.of_stations(whole).items()
-        members = {name: [code for code, sign in mine.items() if sign] for name, mine in stations}
-        members |= {order.series[code].path: [code] for code in whole}
+        group_codes = codes[group_of[codes] == group].tolist()
+        stations = order.of_stations(group_codes).items()
+        members = {name: [code for code, sign in signs.items() if sign] for name, signs in stations}
+        members |= {order.series[code].path: [code] for code in group_codes}
         for name, chosen in members.items():
-            if 0 < len(chosen) < len(whole):
-                found.setdefault((group, tuple(chosen)), f"{order.series[chosen[0]].kind} of {name}")
-    there = np.zeros(len(order.series), dtype=bool)
-    there[codes] = True
-    for (group, of_one), name in found.items():
-        inside = np.zeros_like(there)
-        inside[list(of_one)] = True
-        yield name, np.stack([inside, there & (group_of == group) & ~inside])
+            if 0 < len(chosen) < len(group_codes):
+                name_of_part.setdefault((group, tuple(chosen)), f"{order.series[chosen[0]].kind} of {name}")
+    is_present = np.zeros(len(order.series), dtype=bool)
+    is_present[codes] = True
+    for (group, part), name in name_of_part.items():
+        is_part = np.zeros_like(is_present)
+        is_part[list(part)] = True
+        yield name, np.stack([is_part, is_present & (group_of == group) & ~is_part])
 
 
 def _of_batches(fit: FitResult, order: SeriesOrder) -> tuple[Floats, Floats]:
@@ -136,7 +138,7 @@ def _of_batches(fit: FitResult, order: SeriesOrder) -> tuple[Floats, Floats]:
     used = fit.used[order.order]
     square = np.where(used, fit.residual_m[order.order] / fit.sigma_m[order.order], 0.0) ** 2
     length = len(count) * _BATCHES
-    squares, counts = (np.bincount(place, of, length).astype(np.float64) for of in (square, used))
+    squares, counts = (np.bincount(place, values, length).astype(np.float64) for values in (square, used))
     return squares.reshape(-1, _BATCHES), counts.reshape(-1, _BATCHES)
 
 
@@ -146,31 +148,31 @@ def chances_of_noisier(sums: Floats, numbers: Floats, dof: Floats) -> Floats:
 
     # Sums and numbers of the batches have shape (..., 2, batches), degrees of freedom (..., 2).
     total, batches = sums.sum(axis=-1), (numbers > 0.0).sum(axis=-1)
-    tell = (dof >= 1.0).all(axis=-1) & (batches >= 2).all(axis=-1) & (total > 0.0).all(axis=-1)
+    is_testable = (dof >= 1.0).all(axis=-1) & (batches >= 2).all(axis=-1) & (total > 0.0).all(axis=-1)
     sums, numbers, dof, total = (
-        np.where(tell.reshape(tell.shape + (1,) * (one.ndim - tell.ndim)), one, 1.0)
-        for one in (sums, numbers, dof, total)
+        np.where(is_testable.reshape(is_testable.shape + (1,) * (array.ndim - is_testable.ndim)), array, 1.0)
+        for array in (sums, numbers, dof, total)
     )
     freedom = np.maximum(batches - 1.0, 1.0)
-    off = sums - (total / numbers.sum(axis=-1))[..., None] * numbers
-    variances = (1.0 + 1.0 / freedom) * np.square(off / total[..., None]).sum(axis=-1)
+    deviations = sums - (total / numbers.sum(axis=-1))[..., None] * numbers
+    variances = (1.0 + 1.0 / freedom) * np.square(deviations / total[..., None]).sum(axis=-1)
     variances = np.maximum(variances, 1e-99)  # residuals that are nothing but rounding may be exactly alike
     variance = variances.sum(axis=-1)
     means = total / dof
     ratio = means[..., 0] / means[..., 1]
-    of_both = variance**2 / (variances**2 / freedom).sum(axis=-1)
-    of_scatter = stdtr(of_both, -np.log(ratio) / np.sqrt(variance))
-    chance = np.maximum(of_scatter, fdtrc(dof[..., 0], dof[..., 1], ratio))
-    return np.asarray(np.where(tell & (ratio > 1.0), chance, 1.0))
+    joint_dof = variance**2 / (variances**2 / freedom).sum(axis=-1)
+    scatter_chance = stdtr(joint_dof, -np.log(ratio) / np.sqrt(variance))
+    chance = np.maximum(scatter_chance, fdtrc(dof[..., 0], dof[..., 1], ratio))
+    return np.asarray(np.where(is_testable & (ratio > 1.0), chance, 1.0))
 
 
-def _dof(fit: FitResult, mine: NDArray[np.bool_]) -> float:
+def _dof(fit: FitResult, members: NDArray[np.bool_]) -> float:
     """Used observations of a group less what the parameters take of them, the trace of the hat matrix over them."""
-    used = fit.used & mine
-    taken = sum(
+    used = fit.used & members
+    leverage = sum(
         float(np.square(part).sum()) for part in fit.noise.whitener(used).whitened(fit.unit_partials())
     )
-    return float(used.sum()) - taken
+    return float(used.sum()) - leverage
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -192,14 +194,14 @@ class _Pattern:
         values, axes = np.linalg.eigh(self.signs @ self.signs.T)
         squares = np.square((self.residual_m / self.sigma_m) @ axes)
         # Each delay has two stations: with independent errors the mean is two
-        which = np.stack([values > 2.0 + _ROUNDING, values < 2.0 - _ROUNDING])
-        sums = [np.bincount(self.part, squares @ side, _BATCHES) for side in which]
+        side_axes = np.stack([values > 2.0 + _ROUNDING, values < 2.0 - _ROUNDING])
+        sums = [np.bincount(self.part, squares @ side, _BATCHES) for side in side_axes]
         epochs = np.maximum(np.bincount(self.part, minlength=_BATCHES) - 1.0, 0.0)
-        return np.array(sums), which.sum(axis=1)[:, None] * epochs
+        return np.array(sums), side_axes.sum(axis=1)[:, None] * epochs
 
 
 def noise_with_shared(
-    fit: FitResult, order: SeriesOrder, own_m: Floats
+    fit: FitResult, order: SeriesOrder, delay_sigma_m: Floats
 ) -> tuple[ObservationCovariance, dict[str, float]] | None:
     """Noise in which delays share errors of their stations, and those by type and station, m; or none.
 
@@ -208,14 +210,14 @@ def noise_with_shared(
     """
     # Sigmas of the delays, all their errors together, stay as large as they are in the mean; their own errors are in
     # proportion to `own_m` (n,).
-    found: dict[str, float] = {}
+    sigmas_m: dict[str, float] = {}
     codes_of: dict[str, list[int]] = {}
     for code, link in enumerate(order.series):
         if -1.0 in link.signs.values():
             codes_of.setdefault(link.kind, []).append(code)
-    n, noise_m, shared = len(own_m), fit.noise.white_m.copy(), list[SharedAtEpoch]()
+    n, noise_m, shared = len(delay_sigma_m), fit.noise.white_m.copy(), list[SharedAtEpoch]()
     stated = [term.group != ALONE for term in fit.noise.of_type(SharedAtEpoch)]
-    if any((mine & order.types.are(kind)).any() for kind in codes_of for mine in stated):
+    if any((is_shared & order.types.are(kind)).any() for kind in codes_of for is_shared in stated):
         return None
     for kind, codes in codes_of.items():
         rows = np.flatnonzero(order.types.are(kind))
@@ -223,27 +225,30 @@ def noise_with_shared(
         names = sorted(order.of_stations(codes))
         signs = np.array([[order.series[code].signs.get(name, 0.0) for name in names] for code in codes])
         of_code = np.searchsorted(codes, order.code[rows])
-        patterns = list(_patterns(fit, rows, epoch, of_code, signs, own_m))
+        patterns = list(_patterns(fit, rows, epoch, of_code, signs, delay_sigma_m))
         variance_m2 = _components(patterns, len(names))
         if variance_m2 is None:
             continue
         stations = np.argsort(signs, axis=1)[of_code][:, [0, -1]]
         # Sizes of residuals are known better than what is left of them without means
-        variances = variance_m2[0] * np.square(own_m[rows]) + variance_m2[1:][stations].sum(axis=1)
+        variances = variance_m2[0] * np.square(delay_sigma_m[rows]) + variance_m2[1:][stations].sum(axis=1)
         variance_m2 *= np.square(fit.sigma_m[rows]).sum() / variances.sum()
         of_stations_m = np.sqrt(variance_m2[1:])
-        if of_stations_m.max() > _MAX_STATION_SIGMA_RATIO * np.sqrt(variance_m2[0]) * own_m[rows].min():
+        if (
+            of_stations_m.max()
+            > _MAX_STATION_SIGMA_RATIO * np.sqrt(variance_m2[0]) * delay_sigma_m[rows].min()
+        ):
             continue
-        noise_m[rows] = np.sqrt(variance_m2[0]) * own_m[rows]
+        noise_m[rows] = np.sqrt(variance_m2[0]) * delay_sigma_m[rows]
         group, source, effect_m = np.full(n, ALONE), np.zeros((n, 2), dtype=np.intp), np.zeros((n, 2))
         group[rows], source[rows] = epoch, stations
         effect_m[rows] = of_stations_m[stations] * [-1.0, 1.0]
         shared.append(SharedAtEpoch(group, source, effect_m))
-        found |= {f"{kind} of {name}": of_stations_m[k].item() for k, name in enumerate(names)}
-    if not found:
+        sigmas_m |= {f"{kind} of {name}": of_stations_m[k].item() for k, name in enumerate(names)}
+    if not sigmas_m:
         return None
-    others = (term for term in fit.noise.terms if not isinstance(term, White))
-    return ObservationCovariance((White(noise_m), *others, *shared)), found
+    structured = (term for term in fit.noise.terms if not isinstance(term, White))
+    return ObservationCovariance((White(noise_m), *structured, *shared)), sigmas_m
 
 
 def epoch_numbers(time_s: Floats) -> NDArray[np.intp]:
@@ -260,26 +265,30 @@ def _patterns(
     epoch: NDArray[np.intp],
     of_code: NDArray[np.intp],
     signs: Floats,
-    own_m: Floats,
+    delay_sigma_m: Floats,
 ) -> Iterator[_Pattern]:
     """Epochs at which baselines with stations in common are used, by these baselines."""
     used = fit.used[rows]
     row_of = np.full((epoch.max() + 1, len(signs)), -1)
     row_of[epoch[used], of_code[used]] = rows[used]
-    kinds, which = distinct(row_of >= 0)
-    for k, there in enumerate(kinds):
-        mine = np.flatnonzero(which == k)
-        part = mine * _BATCHES // len(row_of)
+    kinds, pattern_index = distinct(row_of >= 0)
+    for k, observed in enumerate(kinds):
+        epochs_of_pattern = np.flatnonzero(pattern_index == k)
+        part = epochs_of_pattern * _BATCHES // len(row_of)
         epochs = np.bincount(part, minlength=_BATCHES)
-        alike = np.abs(signs[there] @ signs[there].T)
-        if len(mine) < MIN_OBSERVATIONS or epochs.max() < 2 or not (alike - np.diag(np.diag(alike))).any():
+        alike = np.abs(signs[observed] @ signs[observed].T)
+        if (
+            len(epochs_of_pattern) < MIN_OBSERVATIONS
+            or epochs.max() < 2
+            or not (alike - np.diag(np.diag(alike))).any()
+        ):
             continue
-        at = row_of[mine][:, there]
+        at = row_of[epochs_of_pattern][:, observed]
         residual_m = fit.residual_m[at]
         means_m = np.zeros((_BATCHES, at.shape[1]))
         np.add.at(means_m, part, residual_m)
         means_m /= np.maximum(epochs, 1)[:, None]
-        yield _Pattern(signs[there], residual_m - means_m[part], own_m[at], part)
+        yield _Pattern(signs[observed], residual_m - means_m[part], delay_sigma_m[at], part)
 
 
 def _components(patterns: Sequence[_Pattern], stations: int) -> Floats | None:
@@ -287,54 +296,61 @@ def _components(patterns: Sequence[_Pattern], stations: int) -> Floats | None:
     if not patterns:
         return None
     sides = [pattern.sides() for pattern in patterns]
-    sums, numbers = (np.sum(both, axis=0) for both in zip(*sides, strict=True))
+    sums, numbers = (np.sum(arrays, axis=0) for arrays in zip(*sides, strict=True))
     if chances_of_noisier(sums, numbers, numbers.sum(axis=1)) > 1.0 - SCALING_PROBABILITY:
         return None
-    matrices, squares, rest, dof = _stacked(patterns, stations)
-    of_any = np.stack([matrices[0], matrices[1:].sum(axis=0)])
-    common, of_common = _likeliest(of_any, squares, rest, dof)
-    each, of_each = _likeliest(matrices, squares, rest, dof)
-    unlike = np.abs(np.log(np.maximum(each[1:], 1e-300) / common[1])).max() > np.log(_MIN_VARIANCE_RATIO)
-    gained = of_common - of_each > chi2_quantile(SCALING_PROBABILITY, max(stations - 1, 1))
-    return each if unlike and gained else np.append(common[0], np.full(stations, common[1]))
+    matrices, squares, fillers, dof = _stacked(patterns, stations)
+    pooled = np.stack([matrices[0], matrices[1:].sum(axis=0)])
+    common, common_likelihood = _likeliest(pooled, squares, fillers, dof)
+    individual, individual_likelihood = _likeliest(matrices, squares, fillers, dof)
+    is_different = np.abs(np.log(np.maximum(individual[1:], 1e-300) / common[1])).max() > np.log(
+        _MIN_VARIANCE_RATIO
+    )
+    is_better = common_likelihood - individual_likelihood > chi2_quantile(
+        SCALING_PROBABILITY, max(stations - 1, 1)
+    )
+    return individual if is_different and is_better else np.append(common[0], np.full(stations, common[1]))
 
 
 def _stacked(patterns: Sequence[_Pattern], stations: int) -> tuple[Floats, Floats, Floats, Floats]:
     """Additions of each component to the covariance (c, p, k, k), products (p, k, k), the rest (p, k, k), dof."""
     # A pattern of fewer than k baselines has others besides, without residuals and of unit variance: the rest.
     size = max(len(pattern.signs) for pattern in patterns)
-    rest = np.tile(np.eye(size), (len(patterns), 1, 1))
-    squares, matrices = np.zeros_like(rest), np.zeros((1 + stations, *rest.shape))
+    fillers = np.tile(np.eye(size), (len(patterns), 1, 1))
+    squares, matrices = np.zeros_like(fillers), np.zeros((1 + stations, *fillers.shape))
     for k, pattern in enumerate(patterns):
-        inside = (k, slice(len(pattern.signs)), slice(len(pattern.signs)))
-        rest[inside] = 0.0
-        squares[inside] = pattern.residual_m.T @ pattern.residual_m
-        matrices[0][inside] = np.diag(np.square(pattern.sigma_m).mean(axis=0))
-        matrices[1:][:, *inside] = pattern.signs.T[:, :, None] * pattern.signs.T[:, None, :]
-    return matrices, squares, rest, np.array([pattern.dof for pattern in patterns], dtype=np.float64)
+        block = (k, slice(len(pattern.signs)), slice(len(pattern.signs)))
+        fillers[block] = 0.0
+        squares[block] = pattern.residual_m.T @ pattern.residual_m
+        matrices[0][block] = np.diag(np.square(pattern.sigma_m).mean(axis=0))
+        matrices[1:][:, *block] = pattern.signs.T[:, :, None] * pattern.signs.T[:, None, :]
+    return matrices, squares, fillers, np.array([pattern.dof for pattern in patterns], dtype=np.float64)
 
 
-def _likeliest(matrices: Floats, squares: Floats, rest: Floats, dof: Floats) -> tuple[Floats, float]:
+def _likeliest(matrices: Floats, squares: Floats, fillers: Floats, dof: Floats) -> tuple[Floats, float]:
     """Components (c,) and -2 log of their likelihood, from what :func:`_stacked` gives."""
     from scipy.optimize import nnls
 
     scale = np.sqrt(dof)[:, None, None]
-    own_m2 = np.diagonal(matrices[0], axis1=1, axis2=2)
+    delay_m2 = np.diagonal(matrices[0], axis1=1, axis2=2)
     # Far beyond what is taken for noise, and the covariance still has an inverse
-    least = 1e-3 / (_MAX_STATION_SIGMA_RATIO**2 * own_m2[own_m2 > 0.0].min())
+    min_fraction = 1e-3 / (_MAX_STATION_SIGMA_RATIO**2 * delay_m2[delay_m2 > 0.0].min())
     components = np.append(1.0, np.zeros(len(matrices) - 1))
     for _ in range(_MAX_STEPS):
-        root = np.linalg.inv(np.linalg.cholesky(rest + np.tensordot(components, matrices, 1)))
-        turned = np.swapaxes(root, 1, 2)
-        left, right = scale * (root @ matrices @ turned), root @ squares @ turned / scale
-        before = components
-        components, _ = nnls(left.reshape(len(matrices), -1).T, right.ravel())
-        components[0] = max(
-            components[0], _MIN_OWN_VARIANCE_FRACTION * before[0], least * components[1:].max()
+        root = np.linalg.inv(np.linalg.cholesky(fillers + np.tensordot(components, matrices, 1)))
+        transposed = np.swapaxes(root, 1, 2)
+        weighted_matrices, weighted_squares = (
+            scale * (root @ matrices @ transposed),
+            root @ squares @ transposed / scale,
         )
-        if np.abs(components - before).max() <= _SETTLED * components.max():
+        previous = components
+        components, _ = nnls(weighted_matrices.reshape(len(matrices), -1).T, weighted_squares.ravel())
+        components[0] = max(
+            components[0], _MIN_OWN_VARIANCE_FRACTION * previous[0], min_fraction * components[1:].max()
+        )
+        if np.abs(components - previous).max() <= _SETTLED * components.max():
             break
-    covariance = rest + np.tensordot(components, matrices, 1)
+    covariance = fillers + np.tensordot(components, matrices, 1)
     likelihood = dof @ np.linalg.slogdet(covariance)[1]
     likelihood += np.trace(np.linalg.solve(covariance, squares), axis1=1, axis2=2).sum()
     return components, float(likelihood)

@@ -1,4 +1,4 @@
-"""What the data determine, what they determine weakly, and what they do not determine, in words."""
+"""Observability: undetermined and weakly determined combinations of parameters, in words."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ class Direction:
         return tuple(self.weights)
 
     def to_dict(self) -> dict[str, Any]:
-        """Its parts by parameter, in types that JSON has."""
+        """Return the parts by parameter in types of JSON."""
         return {"weights": self.weights, "sigma": finite_or_none(self.sigma), "unit": self.unit}
 
     def __str__(self) -> str:
@@ -93,7 +93,7 @@ class CommonPart:
 
 @dataclass(frozen=True, slots=True)
 class Correlation:
-    """Two parameters that the data hardly tell apart."""
+    """Strong correlation of two parameters."""
 
     first: str
     second: str
@@ -105,22 +105,22 @@ class Correlation:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Observability:
-    """How well the observations and the a-priori values determine the parameters.
+    """Determination of the parameters by the observations and a-priori values.
 
     Parameters
     ----------
     singular_values : ndarray, shape (q,)
         Of the whitened partials and a-priori rows with columns scaled to length one, descending.
     undetermined : tuple of Direction
-        Combinations on which there is no information.
+        Combinations without information.
     weak : tuple of Direction
         Combinations that are determined, but poorly (:data:`WEAK_FACTOR`), the worst first.
     correlations : tuple of Correlation
         Pairs above :data:`STRONG_CORRELATION`, the strongest first.
     observation_sigma_m : float
-        Median stated sigma of the used observations, m, but for counts; 0 if there are none.
+        Median stated sigma of the used observations other than counts, m; 0 without any.
     common : tuple of CommonPart
-        Kinds of parameters of which the data hardly tell more than differences.
+        Kinds of parameters whose differences are determined, and whose mean is not.
     """
 
     singular_values: Floats
@@ -160,8 +160,8 @@ class Observability:
             if len(direction.names) == 1:
                 text = f"{direction.names[0]}, sigma {direction.changes[0].removeprefix('+')}"
             else:
-                moved = map(" ".join, zip(direction.names, direction.changes, strict=True))
-                text = f"{', '.join(moved)} together (1 sigma)"
+                changes = map(" ".join, zip(direction.names, direction.changes, strict=True))
+                text = f"{', '.join(changes)} together (1 sigma)"
             if direction.unit == "m":
                 ratio = direction.sigma / self.observation_sigma_m
                 text += f", {ratio:.0f} times the sigma of one observation ({self.observation_sigma_m:.3g} m)"
@@ -170,17 +170,17 @@ class Observability:
             lines.append(advice)
         if self.correlations:
             count = len(self.correlations)
-            which = "correlation" if count == 1 else f"{count} correlations"
+            subject = "correlation" if count == 1 else f"{count} correlations"
             largest = "" if count == 1 else ", the largest"
-            lines.append(f"{which} beyond {STRONG_CORRELATION}{largest}: {self.correlations[0]}")
+            lines.append(f"{subject} beyond {STRONG_CORRELATION}{largest}: {self.correlations[0]}")
         return tuple(lines)
 
     def advice(self) -> str:
         """Say what would determine the parameters better; empty if all are determined well."""
         names = {name for direction in self.undetermined or self.weak for name in direction.names}
-        others = sorted(name for name in names if not name.startswith("position."))
-        remedies = [f"an a-priori sigma for {', '.join(others)}"] if others else []
-        if len(others) < len(names):
+        other_names = sorted(name for name in names if not name.startswith("position."))
+        remedies = [f"an a-priori sigma for {', '.join(other_names)}"] if other_names else []
+        if len(other_names) < len(names):
             remedies.append("a longer arc, more stations, or an a-priori height")
         return "would help: " + ", or ".join(remedies) if remedies else ""
 
@@ -192,22 +192,21 @@ def assess_observability(fit: FitResult, counted: NDArray[np.bool_] | None = Non
     of largest sigma. The basis of undetermined directions is in reduced echelon form, so that each names as few
     parameters as it can.
     """
-    # Metres of a count, as of Doppler, are no measure of a position's.
-    # Considered parameters are not reported, so neither is how well the data determine them.
+    # Metres of a Doppler count do not compare with those of a position. Consider parameters are not reported.
     adjusted, considered = fit.parameters.free, fit.parameters.considered
-    mine = ~considered[adjusted]
+    is_estimated = ~considered[adjusted]
     parameters = ParameterSet([item for item in fit.parameters if item.role is not Role.CONSIDERED])
     scales = parameters.scales[parameters.free]
-    lost = _simple_basis(fit.factor.undetermined_directions()[:, mine] / scales)
+    undetermined = _simple_basis(fit.factor.undetermined_directions()[:, is_estimated] / scales)
     lengths = fit.used if counted is None else fit.used & ~counted
     sigma_m = float(np.median(fit.sigma_m[lengths])) if lengths.any() else 0.0
-    root = fit.factor.root_covariance()[mine]
+    root = fit.factor.root_covariance()[is_estimated]
     vectors, sigmas, _ = np.linalg.svd(root / scales[:, None], full_matrices=False)
     covariance = fit.covariance if fit.independent_weights else covariance_of(fit.factor, fit.parameters)
     covariance = covariance[np.ix_(~considered, ~considered)]
     return Observability(
         singular_values=fit.factor.singular_values,
-        undetermined=tuple(_direction(vector, math.inf, parameters) for vector in lost),
+        undetermined=tuple(_direction(vector, math.inf, parameters) for vector in undetermined),
         weak=tuple(
             _direction(vector, float(sigma), parameters)
             for vector, sigma in zip(vectors.T, sigmas, strict=True)
@@ -225,7 +224,7 @@ def _common_parts(parameters: ParameterSet, covariance: Floats, sigma_m: float) 
     def rows_of(kind: str) -> list[int]:
         return [k for k in parameters.of_kind(kind) if not parameters.parameters[k].fixed]
 
-    found, position = [], rows_of("position")
+    parts, position = [], rows_of("position")
     for kind in dict.fromkeys(item.kind for item in parameters if item.kind != "position"):
         rows = rows_of(kind)
         if len({parameters.parameters[k].unit for k in rows}) > 1:
@@ -237,44 +236,44 @@ def _common_parts(parameters: ParameterSet, covariance: Floats, sigma_m: float) 
         first = parameters.parameters[rows[0]]
         sigma = math.sqrt(float(covariance[np.ix_(rows, rows)].sum())) / count
         prior_sigma = float(np.linalg.norm(parameters.prior_sigmas[rows])) / count
-        known_to = (
+        min_sigma = (
             MIN_SIGMA_RATIO * prior_sigma
             if math.isfinite(prior_sigma)
             else WEAK_FACTOR * sigma_m * first.scale
         )
-        if not sigma > known_to > 0.0:
+        if not sigma > min_sigma > 0.0:
             continue
-        moved = covariance[np.ix_(position, rows)].mean(axis=1) / sigma / parameters.scales[position]
-        position_m = float(np.linalg.norm(moved))
+        shift = covariance[np.ix_(position, rows)].mean(axis=1) / sigma / parameters.scales[position]
+        position_m = float(np.linalg.norm(shift))
         sigmas_m = np.sqrt(np.diag(covariance)[position]) / parameters.scales[position]
         if position_m >= _MIN_POSITION_SIGMAS * float(np.linalg.norm(sigmas_m)):
             correlated = 0.0, ""
             if position:
-                most = int(np.argmax(np.abs(moved / sigmas_m)))
-                correlated = float((moved / sigmas_m)[most]), parameters.names[position[most]]
-            found.append(CommonPart(kind, count, sigma, prior_sigma, first.unit, position_m, *correlated))
-    return tuple(found)
+                index = int(np.argmax(np.abs(shift / sigmas_m)))
+                correlated = float((shift / sigmas_m)[index]), parameters.names[position[index]]
+            parts.append(CommonPart(kind, count, sigma, prior_sigma, first.unit, position_m, *correlated))
+    return tuple(parts)
 
 
 def correlation_matrix(covariance: Floats) -> Floats:
     """Correlations of a covariance, shape (p, p); zero beside fixed and undetermined parameters."""
     sigmas = np.sqrt(np.diag(covariance))
-    known = np.isfinite(sigmas) & (sigmas > 0.0)
+    determined = np.isfinite(sigmas) & (sigmas > 0.0)
     correlations = np.eye(len(sigmas))
-    block = np.ix_(known, known)
-    correlations[block] = covariance[block] / np.outer(sigmas[known], sigmas[known])
+    block = np.ix_(determined, determined)
+    correlations[block] = covariance[block] / np.outer(sigmas[determined], sigmas[determined])
     return correlations
 
 
 def _strong_correlations(covariance: Floats, names: tuple[str, ...]) -> tuple[Correlation, ...]:
     matrix = correlation_matrix(covariance)
     pairs = np.argwhere(np.triu(np.abs(matrix) > STRONG_CORRELATION, k=1))
-    found = [Correlation(names[i], names[j], float(matrix[i, j])) for i, j in pairs]
-    return tuple(sorted(found, key=lambda item: -abs(item.coefficient)))
+    correlations = [Correlation(names[i], names[j], float(matrix[i, j])) for i, j in pairs]
+    return tuple(sorted(correlations, key=lambda item: -abs(item.coefficient)))
 
 
 def _direction(vector: Floats, sigma: float, parameters: ParameterSet) -> Direction:
-    """That of a unit vector over the free parameters, in their scales."""
+    """Direction of a unit vector over the free parameters in their scales."""
     free = np.flatnonzero(parameters.free)
     order = [int(k) for k in np.argsort(-np.abs(vector), kind="stable") if abs(vector[k]) >= _SMALLEST_WEIGHT]
     vector = vector * np.sign(vector[order[0]])
@@ -288,7 +287,7 @@ def _direction(vector: Floats, sigma: float, parameters: ParameterSet) -> Direct
 
 
 def _change(value: float, unit: str) -> str:
-    """Text with its sign; "1" is no unit to be read."""
+    """Format a change with its sign and unit; the unit "1" is omitted."""
     text = f"{value:+.0f}" if 1e3 <= abs(value) < 1e15 else f"{value:+.3g}"
     return text if unit == "1" else f"{text} {unit}"
 
@@ -303,6 +302,6 @@ def _simple_basis(rows: Floats) -> Floats:
         i, j = divmod(int(np.argmax(np.abs(basis[k:]))), basis.shape[1])
         basis[[k, k + i], :] = basis[[k + i, k], :]
         basis[k] /= basis[k, j]
-        others = np.arange(len(basis)) != k
-        basis[others] -= np.outer(basis[others, j], basis[k])
+        other_rows = np.arange(len(basis)) != k
+        basis[other_rows] -= np.outer(basis[other_rows, j], basis[k])
     return np.asarray(basis / np.linalg.norm(basis, axis=1, keepdims=True))

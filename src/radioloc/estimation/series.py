@@ -32,7 +32,7 @@ _MIN_REMAINING_FRACTION = 0.37  # symmetric networks have no such part, so round
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LinkSeries:
-    """What one link measures of one kind."""
+    """Observations of one link and type."""
 
     kind: str
     path: str
@@ -56,7 +56,7 @@ class SeriesOrder:
 
     @classmethod
     def of(cls, types: Labels, paths: Labels, time_s: Floats) -> SeriesOrder:
-        """That of observations of some types and paths (n,), made at some times (n,), s."""
+        """Sort observations of types and paths (n,) at times (n,), s."""
         pairs = types.codes.astype(np.intp) * len(paths.texts) + paths.codes
         series = []
         present, code = np.unique(pairs, return_inverse=True)
@@ -69,15 +69,15 @@ class SeriesOrder:
     @property
     def links(self) -> Labels:
         """Kind and path of each observation."""
-        return Labels(self.code.astype(np.int32), tuple(one.name for one in self.series))
+        return Labels(self.code.astype(np.int32), tuple(series.name for series in self.series))
 
     def of_stations(self, codes: Iterable[int]) -> dict[str, dict[int, float]]:
-        """Those of some series that each station has part in, with its sign."""
-        found: dict[str, dict[int, float]] = {}
+        """Series of each receiving station, with its signs."""
+        series_of_station: dict[str, dict[int, float]] = {}
         for code in codes:
             for station, sign in self.series[code].signs.items():
-                found.setdefault(station, {})[code] = sign
-        return found
+                series_of_station.setdefault(station, {})[code] = sign
+        return series_of_station
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,9 +99,9 @@ class IndependentSeries:
     def bins(self) -> tuple[NDArray[np.intp], NDArray[np.intp], Floats]:
         """Bin of each combination, (N,); first bin of each series, and their count, (s + 1,); durations, s, (s,)."""
         place, begin, width_s = np.empty(len(self.number), dtype=np.intp), [0], []
-        for mine in self.of_each:
-            of_series, duration_s = bins(self.time_s[mine], MAX_POINTS)
-            place[mine] = begin[-1] + of_series
+        for indices in self.of_each:
+            of_series, duration_s = bins(self.time_s[indices], MAX_POINTS)
+            place[indices] = begin[-1] + of_series
             begin.append(begin[-1] + int(of_series[-1]) + 1)
             width_s.append(duration_s)
         return place, np.array(begin), np.array(width_s)
@@ -130,13 +130,13 @@ class CorrelatedWhitener:
     @classmethod
     def of(cls, series: IndependentSeries, noise: Mapping[str, SeriesNoise]) -> CorrelatedWhitener:
         """Whitener by the noise of each series, one process each; by key, white of unit variance by default."""
-        found = (noise.get(one.key) for one in series.series)
+        noise_of_series = (noise.get(item.key) for item in series.series)
         numbers = [
-            (1.0, 0.0, 1.0) if one is None else (one.white, one.coloured.sum(), one.correlation_time_s)
-            for one in found
+            (1.0, 0.0, 1.0) if item is None else (item.white, item.coloured.sum(), item.correlation_time_s)
+            for item in noise_of_series
         ]
         white, *process = np.array(numbers)[series.number].T
-        variance, tau_s = (one[:, None] for one in process)
+        variance, tau_s = (item[:, None] for item in process)
         step_s = np.diff(series.time_s, prepend=series.time_s[0])
         transition = transitions(step_s, variance, tau_s, changed(series.number))
         every = np.zeros((len(white), 1), dtype=np.intp)
@@ -172,7 +172,7 @@ def add_rows(sums: Floats, place: NDArray[np.intp], values: Floats) -> None:
 def points_of(series: IndependentSeries, rows_of: RowsOf, root: Floats) -> Points:
     """Points of each series, averaged beyond :data:`MAX_POINTS`, with partials by the parameters times `root`."""
     place, begin, width_s = series.bins
-    both, squares = series.binned(series.whitener.whitened(rows_of))
+    columns, squares = series.binned(series.whitener.whitened(rows_of))
     in_bin = np.bincount(place)
     time_s = np.bincount(place, series.time_s) / in_bin
     step_s = np.diff(time_s, prepend=time_s[0])
@@ -185,22 +185,22 @@ def points_of(series: IndependentSeries, rows_of: RowsOf, root: Floats) -> Point
         width_s=width_s,
         step_s=step_s,
         gain=np.sqrt(in_bin),
-        residual=both[:, 0].copy(),
-        unit=times(both[:, 1:], root),
+        residual=columns[:, 0].copy(),
+        unit=times(columns[:, 1:], root),
         time_s=time_s,
     )
 
 
-def bins(time_s: Floats, most: int) -> tuple[NDArray[np.intp], float]:
+def bins(time_s: Floats, max_count: int) -> tuple[NDArray[np.intp], float]:
     """Bin of each of some times (n,) in order, up to `most`, and their duration, s; gaps take no bin."""
     n = len(time_s)
-    if n <= most:
+    if n <= max_count:
         return np.arange(n), 0.0
     step_s = np.diff(time_s)
     clock_s = np.append(0.0, np.cumsum(np.minimum(step_s, 10.0 * np.median(step_s))))
-    width_s = float(clock_s[-1]) / most
+    width_s = float(clock_s[-1]) / max_count
     if not width_s > 0.0:  # all at one instant
-        return np.arange(n) * most // n, 0.0
+        return np.arange(n) * max_count // n, 0.0
     return np.append(0, np.cumsum(np.diff(np.floor(clock_s / width_s)) > 0.0)), width_s
 
 
@@ -209,18 +209,23 @@ def independent_series(
 ) -> IndependentSeries:
     """All series of the used observations."""
     structures = noise.whitener(used, order.order).structures
-    singles = [one for one in structures if not isinstance(one, Blocks)]
-    rows = np.concatenate([np.zeros(0, dtype=np.intp), *(one.rows for one in singles)])
+    singles = [structure for structure in structures if not isinstance(structure, Blocks)]
+    rows = np.concatenate([np.zeros(0, dtype=np.intp), *(structure.rows for structure in singles)])
     codes, number = np.unique(order.code[rows], return_inverse=True)
     links = [order.series[code] for code in codes.tolist()]
     series = [Series(link.name, link.name, link.kind, link.kind) for link in links]
     numbers, times_s = [number], [order.time_s[rows]]
-    blocks = [part for one in structures if isinstance(one, Blocks) for part in _combinations(order, one)]
-    for of_block, block in blocks:
+    blocks = [
+        part
+        for structure in structures
+        if isinstance(structure, Blocks)
+        for part in _combinations(order, structure)
+    ]
+    for block_series, block in blocks:
         count, k = block.rows.shape
         numbers.append(np.tile(len(series) + np.arange(k), count))
         times_s.append(np.repeat(order.time_s[block.rows[:, 0]], k))
-        series += of_block
+        series += block_series
     whitener = StructuredWhitener(len(used), (*singles, *(block for _, block in blocks)))
     return IndependentSeries(tuple(series), whitener, np.concatenate(numbers), np.concatenate(times_s))
 
@@ -229,19 +234,19 @@ def _combinations(order: SeriesOrder, blocks: Blocks) -> Iterator[tuple[list[Ser
     """Blocks by the links in them, with series of combinations that are the same from epoch to epoch."""
     keys, of_block = distinct(order.code[blocks.rows])
     for k, key in enumerate(keys):
-        mine, sort = np.flatnonzero(of_block == k), np.argsort(key, kind="stable")
-        mine = mine[np.argsort(order.time_s[blocks.rows[mine][:, sort[0]]], kind="stable")]
-        present, which = np.unique(blocks.which[mine], return_inverse=True)
+        members, sort = np.flatnonzero(of_block == k), np.argsort(key, kind="stable")
+        members = members[np.argsort(order.time_s[blocks.rows[members][:, sort[0]]], kind="stable")]
+        present, covariance_index = np.unique(blocks.which[members], return_inverse=True)
         axes_m = blocks.axes_m[present]
         axes = np.swapaxes(blocks.roots[present] * axes_m[:, :, None], 1, 2)[:, sort]
         kind, links = order.series[key[0]].kind, tuple(key[sort].tolist())
         # Errors of stations and those of baselines alone are in different combinations, of which one may be correlated
         # in time and the other not, however near their sigmas are.
-        first_m = axes_m[which[0]]
+        first_m = axes_m[covariance_index[0]]
         part = np.cumsum(np.diff(first_m, prepend=-np.inf) > _SIGMA_RTOL * first_m)
         # Epochs of other covariances are brought to the same combinations in the same way.
         root = (axes / axes_m[:, None, :]) @ np.swapaxes(axes, 1, 2)
-        roots = _chosen_axes(axes[which[0]], part).T @ root
+        roots = _chosen_axes(axes[covariance_index[0]], part).T @ root
         series = [
             Series(
                 f"{kind} {links} {j}",
@@ -252,7 +257,7 @@ def _combinations(order: SeriesOrder, blocks: Blocks) -> Iterator[tuple[list[Ser
             )
             for j, number in enumerate(part.tolist())
         ]
-        yield series, Blocks(blocks.rows[mine][:, sort], which, roots, axes_m)
+        yield series, Blocks(blocks.rows[members][:, sort], covariance_index, roots, axes_m)
 
 
 def _chosen_axes(axes: Floats, part: NDArray[np.intp]) -> Floats:
@@ -261,17 +266,17 @@ def _chosen_axes(axes: Floats, part: NDArray[np.intp]) -> Floats:
     # other takes all that is left in the part of the next observation, so an error of the first is in one of them.
     out = np.empty_like(axes)
     for k in np.unique(part).tolist():
-        mine = axes[:, part == k]
-        left = mine @ mine.T
+        part_axes = axes[:, part == k]
+        projection = part_axes @ part_axes.T
         for column in np.flatnonzero(part == k).tolist():
-            squares = np.diag(left)
+            squares = np.diag(projection)
             chosen = int(np.argmax(squares > _MIN_REMAINING_FRACTION * squares.max()))
-            out[:, column] = left[:, chosen] / np.sqrt(squares[chosen])
-            left = left - np.outer(out[:, column], out[:, column])
+            out[:, column] = projection[:, chosen] / np.sqrt(squares[chosen])
+            projection = projection - np.outer(out[:, column], out[:, column])
     return out
 
 
 def seconds_since_midnight(epoch: Epochs) -> Floats:
-    """Time since the first midnight, s, shape (n,); a leap second is nothing to how long errors last."""
+    """Time since the first midnight, s, shape (n,), without leap seconds."""
     first = epoch.jd.min() if len(epoch) else 0.0
     return np.asarray(((epoch.jd - first) + epoch.fraction) * SECONDS_PER_DAY)

@@ -73,21 +73,21 @@ def sample_of(residuals: Residuals) -> list[dict[str, Any]]:
         largest = np.partition(hashed, MAX_SAMPLE_COUNT - 1)[MAX_SAMPLE_COUNT - 1]
         chosen = np.flatnonzero(hashed <= largest)[: 8 * MAX_SAMPLE_COUNT]
         rows, utc_s = rows[chosen], utc_s[chosen]
-    some = residuals.select(rows)
-    count_s = np.full(len(rows), np.nan) if some.count_s is None else some.count_s
+    sampled = residuals.select(rows)
+    count_s = np.full(len(rows), np.nan) if sampled.count_s is None else sampled.count_s
     groups: dict[tuple[str, str, float | None], list[int]] = {}
-    for k, (path, kind, count) in enumerate(zip(some.path, some.type, count_s.tolist(), strict=True)):
+    for k, (path, kind, count) in enumerate(zip(sampled.path, sampled.type, count_s.tolist(), strict=True)):
         groups.setdefault((str(path), str(kind), None if np.isnan(count) else count), []).append(k)
     return [
         {
             "path": path,
             "type": kind,
             "count_s": count,
-            "sigma_m": float(f"{np.median(some.sigma_m[which]):.3g}"),
-            "utc_s": utc_s[which].round(4).tolist(),
-            "observed_m": some.observed_m[which].round(4).tolist(),
+            "sigma_m": float(f"{np.median(sampled.sigma_m[members]):.3g}"),
+            "utc_s": utc_s[members].round(4).tolist(),
+            "observed_m": sampled.observed_m[members].round(4).tolist(),
         }
-        for (path, kind, count), which in groups.items()
+        for (path, kind, count), members in groups.items()
     ]
 
 
@@ -95,28 +95,30 @@ def share_observations(one: Iterable[SampledSeries], two: Sequence[SampledSeries
     """Return whether most sampled observations of one path, type and epoch have the same values in both."""
     # Values may differ by a constant in each series, as another calibration adds. Counts of another length over the
     # same time are of the same cycles.
-    found = np.zeros(2, dtype=np.int64)
+    totals = np.zeros(2, dtype=np.int64)
     for first in one:
         for second in two:
             if (first.stations, first.type) != (second.stations, second.type):
                 continue
-            apart_s = np.abs(first.utc_s[:, None] - second.utc_s)
+            separation_s = np.abs(first.utc_s[:, None] - second.utc_s)
             counts_s = (first.count_s or 0.0), (second.count_s or 0.0)
             if abs(counts_s[0] - counts_s[1]) > 1e-6 * max(counts_s):
-                if (apart_s < 0.5 * abs(counts_s[0] - counts_s[1])).any():
+                if (separation_s < 0.5 * abs(counts_s[0] - counts_s[1])).any():
                     return True
                 continue
-            near = apart_s <= _EPOCH_TOLERANCE_S
-            rows = near.any(axis=1)
-            difference_m = np.where(near, first.observed_m[:, None] - second.observed_m, np.inf)[rows]
+            is_simultaneous = separation_s <= _EPOCH_TOLERANCE_S
+            rows = is_simultaneous.any(axis=1)
+            difference_m = np.where(is_simultaneous, first.observed_m[:, None] - second.observed_m, np.inf)[
+                rows
+            ]
             closest_m = np.take_along_axis(
                 difference_m, np.abs(difference_m).argmin(axis=1, keepdims=True), axis=1
             )
             if len(closest_m) >= _MIN_OFFSET_COUNT:
                 closest_m -= np.median(closest_m)
             allowed_m = _ROUNDING_SIGMAS * min(first.sigma_m, second.sigma_m) + _ROUNDING_M
-            same, count = int((np.abs(closest_m) <= allowed_m).sum()), len(closest_m)
-            if count >= _MIN_SERIES_COUNT and 2 * same > count:
+            equal_count, count = int((np.abs(closest_m) <= allowed_m).sum()), len(closest_m)
+            if count >= _MIN_SERIES_COUNT and 2 * equal_count > count:
                 return True
-            found += same, count
-    return bool(2 * found[0] > found[1])
+            totals += equal_count, count
+    return bool(2 * totals[0] > totals[1])

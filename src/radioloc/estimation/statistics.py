@@ -1,4 +1,4 @@
-"""Observations with their residuals after a fit, and what these say of the fit, of its noise and of who transmitted."""
+"""Residuals of a fit and their statistics."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _MAD_TO_SIGMA = 1.4826  # median absolute deviation of a normal distribution to 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Residuals:
-    """Observations with what is left of them after the fit; arrays of shape (n,).
+    """Observations with their residuals after a fit; arrays of shape (n,).
 
     Parameters
     ----------
@@ -38,11 +38,11 @@ class Residuals:
         Observed value, observed - computed, stated standard deviation; m (of the round trip
         for ranges).
     statuses : Labels
-        ``"used"`` or the reason why the observation was left out.
+        ``"used"`` or the reason for the rejection.
     elevation_deg : ndarray or None
         Lower of the stations' elevations of the Moon, deg; NaN where no station observes.
     count_s : ndarray or None
-        Count intervals of what is counted, s; NaN of other types.
+        Count intervals of Doppler, s; NaN for other types.
     """
 
     epoch_utc: Epochs
@@ -106,7 +106,7 @@ class Residuals:
 
     @property
     def used(self) -> NDArray[np.bool_]:
-        """Which observations took part in the fit, shape (n,)."""
+        """Mask of the used observations, shape (n,)."""
         return self.statuses.are(USED)
 
     @property
@@ -136,7 +136,7 @@ class Residuals:
         return tuple(self.statistics(label, labels.are(label)) for label in labels.present())
 
     def rejected(self) -> list[dict[str, Any]]:
-        """Observations that were left out and why, in types that JSON has."""
+        """Return rejected observations with their reasons, for JSON."""
         out = np.flatnonzero(~self.used)
         if not len(out):
             return []
@@ -167,9 +167,9 @@ class GroupStatistics:
     Parameters
     ----------
     label : str
-        What they share.
+        Station, type or path.
     used, rejected : int
-        How many took part in the fit, how many were left out for any reason.
+        Number of used and of rejected observations.
     mean_m, rms_m, wrms_m : float or None
         Mean, root mean square, and root mean square weighted by 1/sigma^2 of the used residuals, m (of
         the round trip for ranges); None if none was used.
@@ -183,7 +183,7 @@ class GroupStatistics:
     wrms_m: float | None
 
     def to_dict(self) -> dict[str, Any]:
-        """Its numbers without the label."""
+        """Return the numbers, without the label, for JSON."""
         return {key: value for key, value in asdict(self).items() if key != "label"}
 
 
@@ -228,7 +228,7 @@ class FitStatistics:
 
     @property
     def chi2_per_dof_bound(self) -> float | None:
-        """What it exceeds by chance in one fit of a thousand."""
+        """99.9 % quantile of the reduced chi-square."""
         return chi2_quantile(SCALING_PROBABILITY, self.dof) / self.dof if self.dof > 0 else None
 
     def to_dict(self) -> dict[str, Any]:
@@ -248,7 +248,7 @@ class FitStatistics:
 
 
 def read_only(values: ArrayLike) -> Floats:
-    """Array of floats that cannot be written to; a copy unless it owns its numbers and is read-only already."""
+    """Return a read-only array of floats; a copy unless the array is one already."""
     array = np.asarray(values, dtype=np.float64)
     if array.flags.writeable or not array.flags.owndata:
         array = array.copy()
@@ -269,7 +269,7 @@ def robust_scale(normalized: Floats, n_parameters: int) -> float:
 
 
 def chi2_quantile(probability: float, dof: float) -> float:
-    """Value that chi-square of some degrees of freedom stays below with a probability."""
+    """Quantile of chi-square with some degrees of freedom."""
     from scipy.special import gammaincinv
 
     return 2.0 * float(gammaincinv(0.5 * dof, probability))

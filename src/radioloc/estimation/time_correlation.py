@@ -1,7 +1,7 @@
-"""Time-correlated residuals: what they do to the covariance of the estimate, and weights that allow for them.
+"""Time-correlated residuals: covariance of the estimate, and weights that allow for the correlation.
 
 A fit that weighs observations as independent still has the right expectation when their errors are correlated for
-hours, but its formal sigmas are too small: a thousand observations of an hour say what a few do. The covariance of an
+hours, but its formal sigmas are too small: a thousand observations of an hour are worth a few. The covariance of an
 estimate is therefore taken with the errors as the residuals show them (the sandwich of Huber 1967 and White 1980),
 
     (A^T W A + P)^-1 (A^T W V W A + P) (A^T W A + P)^-1,
@@ -12,11 +12,11 @@ whitened errors: in each series (the residuals of one link and type) white noise
 of stations are brought to independent combinations first (:mod:`~radioloc.estimation.series`).
 
 Nor do independent weights, the identity, have the least variance: a dense series whose errors are correlated outweighs
-a-priori values and other series that know better. The best linear estimate weighs by the inverse of V (Aitken 1935). A
+more accurate a-priori values and other series. The best linear estimate weighs by the inverse of V (Aitken 1935). A
 Kalman filter whitens residuals and design matrix of each series; what it leaves are independent observations to the
 fit. The noise is found once, from the fit with independent weights: a restricted likelihood does not depend on the
-estimate. Delays that share errors of stations are weighed as the independent observations that they are worth: their
-sigmas are multiplied by the root of n / n_effective, the mean over the combinations of baselines whose errors are
+estimate. Delays that share errors of stations have the weight of their effective number of observations: their sigmas
+are multiplied by the root of n / n_effective, the mean over the combinations of baselines whose errors are
 correlated.
 """
 
@@ -65,36 +65,36 @@ def assess_time_correlation(
     # The noise should explain the size of the residuals.
     if fit.time_correlation is not None:  # assessed already
         return fit.time_correlation
-    nothing = TimeCorrelation((), np.zeros_like(fit.covariance), {})
+    uncorrelated = TimeCorrelation((), np.zeros_like(fit.covariance), {})
     if not fit.factor.determined.any() or not fit.used.any():
-        return nothing
+        return uncorrelated
     root = fit.factor.root_covariance()
     series = independent_series(order, fit.noise, fit.used) if series is None else series
     q = root.shape[1]
     points = points_of(series, rows_of(fit), root)
     noise = noise_of_series(*_before_considering(fit, points))
     if not noise:
-        return nothing
+        return uncorrelated
     added = np.zeros((q, q))
-    found: dict[str, SeriesCorrelation] = {}
-    for k, one in enumerate(points.series):
-        if one.key not in noise:
+    correlations: dict[str, SeriesCorrelation] = {}
+    for k, series_item in enumerate(points.series):
+        if series_item.key not in noise:
             continue
-        process, part, count = noise[one.key], points.of(k), int(points.count[k])
+        process, part, count = noise[series_item.key], points.of(k), int(points.count[k])
         unit, gain = points.unit[part], points.gain[part]
         columns, width_s = np.column_stack([unit, gain]), float(points.width_s[k])
         products = process.products(points.step_s[part], gain, columns, width_s)
         added += products[:q, :q] - gram(unit, unit)
         variance = process.white + float(process.coloured.sum())
-        found[one.key] = SeriesCorrelation(
-            one.name,
+        correlations[series_item.key] = SeriesCorrelation(
+            series_item.name,
             count,
             count**2 * variance / float(products[q, q]),
             process.correlation_time_s,
             process.share,
         )
-    noise = {key: noise[key] for key in found}
-    return TimeCorrelation(tuple(found.values()), in_parameters(added, fit), noise)
+    noise = {key: noise[key] for key in correlations}
+    return TimeCorrelation(tuple(correlations.values()), in_parameters(added, fit), noise)
 
 
 def _before_considering(fit: FitResult, points: Points) -> tuple[Points, Floats]:
@@ -107,9 +107,9 @@ def _before_considering(fit: FitResult, points: Points) -> tuple[Points, Floats]
     lengths = np.linalg.norm(root, axis=1, keepdims=True)
     lengths[lengths == 0.0] = 1.0
     unit = times(points.unit, np.linalg.lstsq(root / lengths, units / lengths, rcond=None)[0])
-    of = fit.parameters
-    moved = ((fit.x - of.prior_values) / of.prior_sigmas)[of.considered]
-    residual = points.residual + np.einsum("nc,c->n", unit[:, width:], moved)
+    parameters = fit.parameters
+    shifts = ((fit.x - parameters.prior_values) / parameters.prior_sigmas)[parameters.considered]
+    residual = points.residual + np.einsum("nc,c->n", unit[:, width:], shifts)
     changes = np.add.reduceat(residual**2 - points.residual**2, points.begin[:-1])
     return replace(points, unit=unit, residual=residual, squares=points.squares + changes), sigmas
 
@@ -191,12 +191,12 @@ def fit_with_correlated_weights(
     if not edited.ended:
         return edited
     series = independent_series(order, stated.noise, stated.used)
-    found = assess_time_correlation(stated, order, series)
-    edited = replace(edited, fit=replace(stated, time_correlation=found))
-    weights = _weights(series, found)
+    correlation = assess_time_correlation(stated, order, series)
+    edited = replace(edited, fit=replace(stated, time_correlation=correlation))
+    weights = _weights(series, correlation)
     if not weights:
         return edited
-    whitening = CorrelatedWhitener.of(series, _weight_noise(series, found, weights))
+    whitening = CorrelatedWhitener.of(series, _weight_noise(series, correlation, weights))
     fit = fit_least_squares(
         residual_function,
         stated.parameters,
@@ -206,10 +206,10 @@ def fit_with_correlated_weights(
         linearization=stated.linearization,
         whitening=whitening,
     )
-    return replace(edited, fit=_with_covariances(fit, whitening, found), series_weights=weights)
+    return replace(edited, fit=_with_covariances(fit, whitening, correlation), series_weights=weights)
 
 
-def _with_covariances(fit: FitResult, noise: CorrelatedWhitener, found: TimeCorrelation) -> FitResult:
+def _with_covariances(fit: FitResult, noise: CorrelatedWhitener, correlation: TimeCorrelation) -> FitResult:
     """Fit with the covariance of its estimate for independent errors as stated, and what the others add to it."""
     # With the weights W, parameters of unit A^T W A + P have the covariance P + A^T W W A for errors of unit variance,
     # and A^T W V W A - A^T W W A more for those of the covariance V.
@@ -217,47 +217,58 @@ def _with_covariances(fit: FitResult, noise: CorrelatedWhitener, found: TimeCorr
     prior = root / fit.parameters.prior_sigmas[free, None]
     weighted, series = noise.weighted(fit.whitened_unit_partials()), noise.series
     unit, added = prior.T @ prior + gram(weighted, weighted), np.zeros((root.shape[1],) * 2)
-    for one, mine in zip(series.series, series.of_each, strict=True):
-        if one.key in found.noise:
-            columns, step_s = weighted[mine], np.diff(series.time_s[mine], prepend=series.time_s[mine[0]])
-            products = found.noise[one.key].products(step_s, np.ones(len(mine)), columns)
+    for item, indices in zip(series.series, series.of_each, strict=True):
+        if item.key in correlation.noise:
+            columns, step_s = (
+                weighted[indices],
+                np.diff(series.time_s[indices], prepend=series.time_s[indices[0]]),
+            )
+            products = correlation.noise[item.key].products(step_s, np.ones(len(indices)), columns)
             added += products - gram(columns, columns)
     fit = replace(fit, covariance=covariance_of(fit.factor, fit.parameters, unit))
-    return replace(fit, time_correlation=replace(found, added_covariance=in_parameters(added, fit)))
+    return replace(fit, time_correlation=replace(correlation, added_covariance=in_parameters(added, fit)))
 
 
 def _weight_noise(
-    series: IndependentSeries, found: TimeCorrelation, weights: Sequence[SeriesWeight]
+    series: IndependentSeries, correlation: TimeCorrelation, weights: Sequence[SeriesWeight]
 ) -> dict[str, SeriesNoise]:
     """Noise by whose inverse covariance series are weighed, by key."""
     # Errors of stations go on where a baseline drops out and the combinations become others, which a filter for each
     # combination does not know. Observations that share errors have one factor on their sigmas instead.
     factors = {weight.name: weight.sigma_factor for weight in weights}
     noise: dict[str, SeriesNoise] = {}
-    for one in series.series:
-        if one.shared in factors:
-            noise[one.key] = SeriesNoise(factors[one.shared] ** 2, np.ones(1), np.zeros(1))
-        elif one.name in factors:
-            noise[one.key] = found.noise[one.key]
+    for item in series.series:
+        if item.shared in factors:
+            noise[item.key] = SeriesNoise(factors[item.shared] ** 2, np.ones(1), np.zeros(1))
+        elif item.name in factors:
+            noise[item.key] = correlation.noise[item.key]
     return noise
 
 
-def _weights(series: IndependentSeries, found: TimeCorrelation) -> tuple[SeriesWeight, ...]:
-    """What the series weigh; combinations of observations that share errors together."""
-    items = dict(zip(found.noise, found.series, strict=True))
+def _weights(series: IndependentSeries, correlation: TimeCorrelation) -> tuple[SeriesWeight, ...]:
+    """Weights of the series; combinations of observations with shared errors have one weight."""
+    items = dict(zip(correlation.noise, correlation.series, strict=True))
     counts: dict[str, int] = {}
-    mine: dict[str, list[SeriesCorrelation]] = {}
-    for one, combinations in zip(series.series, series.of_each, strict=True):
+    correlations: dict[str, list[SeriesCorrelation]] = {}
+    for item, combinations in zip(series.series, series.of_each, strict=True):
         time_s = series.time_s[combinations]
-        name, item = one.shared or one.name, items.get(one.key)
+        name, series_correlation = item.shared or item.name, items.get(item.key)
         counts[name] = counts.get(name, 0) + len(time_s)
-        if item is not None and item.count * item.correlation_time_s >= DENSE * (time_s[-1] - time_s[0]):
-            mine.setdefault(name, []).append(item)
+        if (
+            series_correlation is not None
+            and series_correlation.count * series_correlation.correlation_time_s
+            >= DENSE * (time_s[-1] - time_s[0])
+        ):
+            correlations.setdefault(name, []).append(series_correlation)
     weights = []
-    for name, found_in in mine.items():
+    for name, members in correlations.items():
         # Combinations in which the errors of stations cancel, around triangles, need not be correlated.
-        enlarged = sum(item.count**2 / item.effective_count for item in found_in)
-        factor = math.sqrt(max(1.0, enlarged / max(sum(item.count for item in found_in), 1)))
+        enlarged = sum(
+            series_correlation.count**2 / series_correlation.effective_count for series_correlation in members
+        )
+        factor = math.sqrt(
+            max(1.0, enlarged / max(sum(series_correlation.count for series_correlation in members), 1))
+        )
         if factor > 1.0:
             weights.append(SeriesWeight(name, counts[name], factor))
     return tuple(weights)

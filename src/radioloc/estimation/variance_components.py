@@ -1,10 +1,8 @@
-"""Additive variance components: noise that the residuals show beyond the stated sigmas.
+"""Additive variance components: noise of the residuals beyond the stated sigmas.
 
-Normal points state what the detector knows: millimetres. The error of a model is centimetres and the same
-for a strong and a weak point, so scaling all sigmas by one factor would let the few strongest points
-decide. What is missing is therefore taken as one more independent error of the same size in every
-observation, added in quadrature, just so large that the residuals fit the sigmas (reduced chi-square of
-one).
+Laser normal points state the millimetres of the detector. Errors of the model are centimetres for strong and weak
+points alike: one scale factor of all sigmas would leave most of the weight to a few points. Each group therefore has an
+additional independent error, added in quadrature, with which the reduced chi-square of its residuals is one.
 """
 
 from __future__ import annotations
@@ -31,8 +29,8 @@ from radioloc.quantities import accepts_quantities
 from radioloc.vectors import Floats
 
 _MAX_PASSES = 15
-_MAX_SPLIT_COUNT = 10  # stations and links that may have a component of their own
-_SETTLED_FRACTION = 1e-3  # change of a sigma below which a component has settled; it is known far worse
+_MAX_SPLIT_COUNT = 10  # largest number of stations and links with a component of their own
+_SETTLED_FRACTION = 1e-3  # relative change of a settled sigma, far below its uncertainty
 
 
 @accepts_quantities
@@ -47,20 +45,25 @@ def fit_with_variance_components(
     threshold: float | None = THRESHOLD,
     start: Floats | None = None,
 ) -> EditedFit:
-    """Fit with editing, adding noise to the stated sigmas where the residuals ask for it.
+    """Fit with editing and estimate additive variance components from the residuals.
 
-    Parameters and errors as :func:`~radioloc.estimation.editing.fit_with_editing`, and `order`, types, paths and times
-    of the observations: each type (ranges, delays) has its own component, and so has a station or a link whose
-    residuals are significantly larger or smaller than those of the rest of its type
-    (:mod:`~radioloc.estimation.noise_structure`); all have the same without it. With `groups`, each of these has its
-    own, and there are no others.
+    Parameters and errors are those of :func:`~radioloc.estimation.editing.fit_with_editing`, and:
+
+    Parameters
+    ----------
+    order : SeriesOrder, optional
+        Types, paths and times of the observations. Each type has a component, and so has each station or link whose
+        residuals differ significantly from those of its type (:mod:`~radioloc.estimation.noise_structure`). All
+        observations have one component by default.
+    groups : Labels, optional
+        Groups that have a component each, in place of types, stations and links.
 
     Notes
     -----
-    Nothing is added unless the reduced chi-square exceeds what chance allows in 999 of 1000 fits. Fit and
-    excess alternate until the components settle; observations left out take no part in it and may come back.
-    Without it the few strongest laser ranges decide: with stated millimetres and errors of the model of centimetres,
-    errors exceed their sigmas tenfold (`tests/statistics/test_variance_components.py`).
+    A component is zero unless the reduced chi-square exceeds its 99.9 % quantile. Fits and components alternate until
+    the components settle; rejected observations do not contribute and may be re-admitted. Without it a few strong laser
+    ranges, of stated millimetres, determine the estimate, and errors of the model of centimetres exceed the sigmas
+    tenfold (`tests/statistics/test_variance_components.py`).
 
     Examples
     --------
@@ -94,7 +97,7 @@ def fit_with_variance_components(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Problem:
-    """What stays the same while components change."""
+    """Constant inputs of the fits with changing components."""
 
     residual_function: ResidualFunction
     parameters: ParameterSet
@@ -103,7 +106,7 @@ class _Problem:
     threshold: float | None
 
     def fit_with(self, added_m: Floats, previous: EditedFit) -> EditedFit:
-        """Fit with components (n,), m; a fit that did not come to its end is nothing to start from."""
+        """Fit with components (n,), m, from a previous fit if that converged."""
         return fit_with_editing(
             self.residual_function,
             self.parameters,
@@ -114,7 +117,7 @@ class _Problem:
         )
 
     def with_shared(self, edited: EditedFit, order: SeriesOrder, groups: Labels) -> EditedFit:
-        """Fit in which delays share the errors of their stations, where the residuals show such."""
+        """Fit with shared errors of stations in delays, if the residuals show them."""
         if not edited.converged:
             return edited
         least_m = dict.fromkeys(order.types.texts, np.inf)
@@ -123,25 +126,25 @@ class _Problem:
             least_m[kind] = min(least_m[kind], added_m)
         # A noisier station's own component is among what its delays share.
         type_m = np.array([least_m[text] for text in order.types.texts])
-        own_m = np.hypot(self.stated.white_m, type_m[order.types.codes])
-        found = noise_with_shared(edited.fit, order, own_m)
-        if found is None:
+        delay_sigma_m = np.hypot(self.stated.white_m, type_m[order.types.codes])
+        shared_noise = noise_with_shared(edited.fit, order, delay_sigma_m)
+        if shared_noise is None:
             return edited
-        again = replace(self, stated=found[0]).fit_with(np.zeros(len(own_m)), edited)
-        return replace(again, additive_sigma_m=edited.additive_sigma_m, shared_sigma_m=found[1])
+        shared_fit = replace(self, stated=shared_noise[0]).fit_with(np.zeros(len(delay_sigma_m)), edited)
+        return replace(shared_fit, additive_sigma_m=edited.additive_sigma_m, shared_sigma_m=shared_noise[1])
 
     def settled(self, edited: EditedFit, groups: Labels) -> EditedFit:
-        """Fit with the components of groups, from a fit with others or none on."""
+        """Iterate fits and components of groups from a first fit until the components settle."""
         labels, group = groups.texts, groups.codes
         tried_m = [np.array([edited.additive_sigma_m.get(name, 0.0) for name in labels])]
         for _ in range(_MAX_PASSES):
             if edited.fit.status in (FitStatus.DIVERGED, FitStatus.MAX_ITERATIONS):
                 break
-            # Significance is asked for once; asked again, it would take away what it had just found to be there.
+            # Significance is tested once: with its component a group is no longer significant.
             probability = SCALING_PROBABILITY if len(tried_m) == 1 else None
             wanted_m = _wanted_m(edited, self.stated, group, len(labels), probability)
             if probability is None:
-                # A group that was explained by its stated sigmas at first stays without.
+                # A group that is consistent with its stated sigmas keeps a component of zero.
                 wanted_m = np.where(tried_m[1] > 0.0, wanted_m, 0.0)
             if _same(wanted_m, tried_m[-1]):
                 break
@@ -152,8 +155,8 @@ class _Problem:
                 filter(None, ("the additive variance components did not settle", edited.message))
             )
             edited = replace(edited, complete=False, message=message)
-        found = dict(zip(labels, tried_m[-1].tolist(), strict=True))
-        return replace(edited, additive_sigma_m={name: found[name] for name in groups.present()})
+        sigma_of_group = dict(zip(labels, tried_m[-1].tolist(), strict=True))
+        return replace(edited, additive_sigma_m={name: sigma_of_group[name] for name in groups.present()})
 
 
 def _wanted_m(
@@ -163,19 +166,19 @@ def _wanted_m(
     count: int,
     probability: float | None,
 ) -> Floats:
-    """Standard deviation that each group asks for, m; one of one size in a block is so in each combination."""
+    """Component of each group by its residuals, m; white noise in a block is the same in each combination."""
     fit = edited.fit
-    free_part = part_of_parameters(fit)
+    leverage = part_of_parameters(fit)
     wanted_m = np.zeros(count)
     for k in range(count):
-        mine = fit.used & (group == k)
-        dof = float(mine.sum() * (1.0 - free_part))
-        whitener = stated.whitener(mine)
+        members = fit.used & (group == k)
+        dof = float(members.sum() * (1.0 - leverage))
+        whitener = stated.whitener(members)
         sigma_m = whitener.sigma_m
         if sigma_m is None:
             # The combinations of counts depend on what is added
-            squares = partial(_squares_of, fit, stated, mine)
-            residual_m = fit.residual_m[mine]
+            squares = partial(_squares_of, fit, stated, members)
+            residual_m = fit.residual_m[members]
             wanted_m[k] = _enough_m(squares, residual_m, dof, probability, precision=0.1 * _SETTLED_FRACTION)
         else:
             parts = whitener.whitened(column(fit.residual_m))
@@ -185,21 +188,20 @@ def _wanted_m(
 
 
 def _squares_of(
-    fit: FitResult, stated: ObservationCovariance, mine: NDArray[np.bool_], added_m: float
+    fit: FitResult, stated: ObservationCovariance, members: NDArray[np.bool_], added_m: float
 ) -> float:
     """Sum of squares of some observations with an added error."""
-    whitened = stated.plus(White(np.where(mine, added_m, 0.0))).whitener(mine).whitened
+    whitened = stated.plus(White(np.where(members, added_m, 0.0))).whitener(members).whitened
     return sum(float(np.square(part).sum()) for part in whitened(column(fit.residual_m)))
 
 
 def part_of_parameters(fit: FitResult) -> float:
     """Mean leverage of the used observations, the trace of the hat matrix over their number."""
-    # A parameter takes one less the part C / s^2 that its a-priori value has in it (variance C of the estimate, s of
-    # the a-priori value). So do stochastic accelerations. Directions that are not determined take nothing.
+    # A parameter of variance C and a-priori variance s^2 contributes 1 - C / s^2, an undetermined direction zero.
     free = fit.parameters.free
     prior_sigmas = fit.parameters.prior_sigmas[free]
-    known = np.isfinite(prior_sigmas)
-    a_priori = (fit.factor.root_covariance()[known] / prior_sigmas[known, None]) ** 2
+    has_prior = np.isfinite(prior_sigmas)
+    a_priori = (fit.factor.root_covariance()[has_prior] / prior_sigmas[has_prior, None]) ** 2
     absorbed = 0.0 if fit.smoothed is None else fit.smoothed.absorbed
     return float(fit.factor.determined.sum() - a_priori.sum() + absorbed) / max(int(fit.used.sum()), 1)
 
@@ -214,7 +216,7 @@ def additive_sigma_m(
     dof: float,
     probability: float | None = SCALING_PROBABILITY,
 ) -> float:
-    """Noise to add in quadrature so that the residuals have a reduced chi-square of one, m."""
+    """Additive noise with which the residuals have a reduced chi-square of one, m."""
     squares_m2, variances_m2 = residual_m**2, sigma_m**2
 
     def squares(added_m: float) -> float:
@@ -230,7 +232,7 @@ def _enough_m(
     probability: float | None,
     precision: float = 1e-12,
 ) -> float:
-    """Added error at which the sum of squares is the degrees of freedom, m; zero where chance explains it."""
+    """Additive noise at which the sum of squares is the degrees of freedom, m; zero if it is not significant."""
     from scipy.optimize import brentq
 
     if dof < 1 or squares(0.0) <= (dof if probability is None else chi2_quantile(probability, dof)):

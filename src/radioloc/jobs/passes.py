@@ -23,7 +23,7 @@ from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.pointing import Direction, direction
 from radioloc.measurements.predictor import reasons
 from radioloc.measurements.registry import is_one_way, kind_of
-from radioloc.measurements.target_motion import FixedPoint
+from radioloc.measurements.target_motion import TargetMotion, TrajectoryMotion, as_motion
 from radioloc.quantities import accepts_quantities
 from radioloc.results.predictions import LightTimes, Pass, Passes
 from radioloc.simulation.schedule import LINKS, Schedule, Session
@@ -32,7 +32,15 @@ from radioloc.simulation.visibility import Masks, Target, Window, elevations, wi
 from radioloc.study.study import Study
 from radioloc.study.study_file import as_study
 from radioloc.study.weights import ends_of
-from radioloc.time import epochs_from_strings, tai_to_tt, tai_to_utc, utc_strings, utc_to_tai, utc_to_tt
+from radioloc.time import (
+    Epochs,
+    epochs_from_strings,
+    tai_to_tt,
+    tai_to_utc,
+    utc_strings,
+    utc_to_tai,
+    utc_to_tt,
+)
 
 _STEP_S = 60.0  # Between elevations, the highest of which is then found to 0.0002 deg
 _KINDS_BY_FORM = {
@@ -85,15 +93,15 @@ def visibility(
     scene = scene_of(study, stations, start_utc, stop_utc, mask_deg)
     model, masks = scene.model, scene.masks
     names, first, last = scene.stations, scene.start_utc, scene.stop_utc
-    several = len(scene.targets) > 1
+    several = len(scene.motions) > 1
     passes = [
         _pass(model, target, name, window, target_name if several else "")
-        for target_name, target in scene.targets.items()
+        for target_name, target in scene.positions.items()
         for name in dict.fromkeys(names)
         for window in windows(model, target, [name], first, last, masks)
     ]
     by_station = {name: masks.of(name) for name in names}
-    targets = tuple(scene.targets) if several else ()
+    targets = tuple(scene.motions) if several else ()
     return Passes(scene.name, first, last, by_station, masks.target_deg, tuple(passes), targets)
 
 
@@ -103,11 +111,19 @@ class Scene:
 
     name: str  # of the study
     model: PhysicalModel
-    targets: dict[str, Target]  # by their names in links
+    motions: dict[str, TargetMotion]  # by their names in links
     stations: list[str]  # names in the catalogue
     start_utc: str
     stop_utc: str
     masks: Masks
+
+    @property
+    def positions(self) -> dict[str, Target]:
+        """Positions of points, principal axes, m, and trajectories of spacecraft."""
+        return {
+            name: motion.position_pa_m if motion.trajectory is None else motion.trajectory
+            for name, motion in self.motions.items()
+        }
 
 
 def scene_of(
@@ -132,24 +148,26 @@ def scene_of(
     if study.simulation is not None:
         places = study.simulation.targets
     start_utc, stop_utc = start_utc or first, stop_utc or last
-    targets: dict[str, Target] = {}
-    for name, place in places.items():
-        if isinstance(place, LunarPosition):
-            targets[name] = place.to_axes("PA", model.ephemeris.constants).xyz_m
-        elif isinstance(place, AnyTrajectory):
-            targets[name] = place
-        else:
-            span = epochs_from_strings([start_utc, stop_utc], "UTC")
-            targets[name] = place.orbit_over(model, span, 0.0).nearest()
+    span = epochs_from_strings([start_utc, stop_utc], "UTC")
+    motions = {name: _motion(place, model, span) for name, place in places.items()}
     return Scene(
         study.name,
         model,
-        targets,
+        motions,
         [station.name for name in stations or names for station in model.catalogue.members(name)],
         start_utc,
         stop_utc,
         masks if mask_deg is None else replace(masks, station_deg=mask_deg, by_station_deg={}),
     )
+
+
+def _motion(
+    record: LunarPosition | AnyTrajectory | StateAndForces, model: PhysicalModel, span_utc: Epochs
+) -> TargetMotion:
+    """Return the motion of a target, integrated over a span of UTC from a state."""
+    if isinstance(record, LunarPosition | AnyTrajectory):
+        return as_motion(record, model)
+    return TrajectoryMotion(record.orbit_over(model, span_utc, 0.0).nearest())
 
 
 def _planned(study: Study) -> tuple[list[str], str, str, Masks]:
@@ -266,17 +284,17 @@ def light_times(
         wavelength_um=1e6 * C_M_S / carrier_hz,
     )
     parts = []
-    for name, target in scene.targets.items():
+    for name, target in scene.positions.items():
         planned = Schedule([session], scene.masks).plan(scene.model, target, name).observations
         counts = planned.select(np.argsort(planned.link, kind="stable"))
-        parts.append(_table(scene.model, counts, target, kind, frequency_hz))
+        parts.append(_table(scene.model, counts, scene.motions[name], kind, frequency_hz))
     rows = Observations.concatenate([part for part, _, _ in parts])
     columns = {name: np.concatenate([part[name] for _, part, _ in parts]) for name in parts[0][1]}
     return LightTimes(
         scene.name,
         scene.start_utc,
         scene.stop_utc,
-        len(session.epochs()) * len(pairs) * len(scene.targets) - len(rows),
+        len(session.epochs()) * len(pairs) * len(scene.motions) - len(rows),
         frequency_hz,
         rows.epoch,
         Labels(rows.link, tuple(link.path for link in rows.links)),
@@ -286,13 +304,12 @@ def light_times(
 
 
 def _table(
-    model: PhysicalModel, counts: Observations, target: Target, kind: str, frequency_hz: float | None
+    model: PhysicalModel, counts: Observations, motion: TargetMotion, kind: str, frequency_hz: float | None
 ) -> tuple[Observations, dict[str, NDArray[np.float64]], NDArray[np.str_]]:
     """Return ranges at the time tags of Doppler, the columns, and reasons why rows are unusable."""
     rows = replace(
         counts, kind=np.full_like(counts.kind, kind_of(kind)), count_s=np.full(len(counts), np.nan)
     )
-    motion = target if isinstance(target, AnyTrajectory) else FixedPoint(target)
     predictor = ExactPredictor(model, rows, motion)
     computed = predictor.compute()
     path, sender, receiver = predictor.light_path()

@@ -219,7 +219,7 @@ def with_weights(
 
 def require_position_or_orbit(study: Study, job: str) -> None:
     """Refuse a study in which neither a position nor an orbit is estimated."""
-    if study.orbiter is None and study.estimate.position == "none":
+    if not study.orbiters and study.estimate.position == "none":
         raise InputError(f'{job} needs the position estimated: [estimate] position is "none"')
 
 

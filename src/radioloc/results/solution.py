@@ -411,8 +411,6 @@ class Solution(Result):
                 "passes": self.passes,
             },
         }
-        if len(self.states) > 1:
-            content["states"] = {name: state.to_dict() for name, state in self.states.items()}
         if self.targets:
             each = {target.name: self.of_target(target.name) for target in self.targets}
             content["targets"] = {

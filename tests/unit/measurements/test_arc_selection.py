@@ -26,33 +26,33 @@ def arc():
     return ExactPredictor(radioloc.measurements.PhysicalModel.build(), mixed.select(order), APOLLO15)
 
 
-@pytest.mark.parametrize("which", ["mask", "indices", "slice"])
-def test_part_is_computed_as_the_whole(arc, which):
+@pytest.mark.parametrize("selection", ["mask", "indices", "slice"])
+def test_selected_rows_have_the_values_of_the_full_arc(arc, selection):
     rows = {
         "mask": np.arange(len(arc.observations)) % 3 == 1,
         "indices": np.array([20, 3, 11, 4, 27]),
         "slice": slice(5, 19),
-    }[which]
-    part, whole = arc.select(rows).compute(APOLLO15), arc.compute(APOLLO15)
-    assert_same(part, whole.rows(rows))
+    }[selection]
+    part, full = arc.select(rows).compute(APOLLO15), arc.compute(APOLLO15)
+    assert_same(part, full.rows(rows))
 
 
-def test_part_is_what_a_new_arc_would_be(arc):
+def test_selection_equals_a_new_arc_of_the_rows(arc):
     rows = np.flatnonzero(arc.observations.kind != KINDS.index("range"))
     part = arc.select(rows)
-    fresh = ExactPredictor(arc.model, arc.observations.select(rows), APOLLO15)
-    assert part.stations == fresh.stations == ("KASHI", "SESHAN25", "URUMQI")
-    assert (part.transmitters == fresh.transmitters).all()
-    assert (part.receivers == fresh.receivers).all()
-    assert (part.predicted_eop == fresh.predicted_eop).all()
-    assert_same(part.compute(APOLLO15), fresh.compute(APOLLO15), atol=SAME_M)
+    new = ExactPredictor(arc.model, arc.observations.select(rows), APOLLO15)
+    assert part.stations == new.stations == ("KASHI", "SESHAN25", "URUMQI")
+    assert (part.transmitters == new.transmitters).all()
+    assert (part.receivers == new.receivers).all()
+    assert (part.predicted_eop == new.predicted_eop).all()
+    assert_same(part.compute(APOLLO15), new.compute(APOLLO15), atol=SAME_M)
 
 
-def test_a_part_taken_elsewhere_leaves_the_whole_alone(arc):
-    before = arc.compute(APOLLO15)
-    # So far that the light time changes by more than a motion is taken to be straight.
-    away_m = -APOLLO15_PA_M
+def test_selection_computed_at_another_position_leaves_the_full_arc_unchanged(arc):
+    original = arc.compute(APOLLO15)
+    # The change of light time exceeds the time for which motion is taken to be straight.
+    distant_m = -APOLLO15_PA_M
     part = arc.select(slice(0, 10))
-    fresh = ExactPredictor(arc.model, arc.observations.select(slice(0, 10)), FixedPoint(away_m))
-    assert_same(part.compute(FixedPoint(away_m)), fresh.compute(FixedPoint(away_m)), atol=SAME_M)
-    assert_same(arc.compute(APOLLO15), before)
+    new = ExactPredictor(arc.model, arc.observations.select(slice(0, 10)), FixedPoint(distant_m))
+    assert_same(part.compute(FixedPoint(distant_m)), new.compute(FixedPoint(distant_m)), atol=SAME_M)
+    assert_same(arc.compute(APOLLO15), original)

@@ -1,4 +1,4 @@
-"""Interpolated arcs agree with the exact ones, within what they promise, whatever the series look like."""
+"""Interpolated arcs agree with exact ones within their stated errors, for all forms of series."""
 
 import numpy as np
 import pytest
@@ -26,19 +26,19 @@ from radioloc.measurements.predictor import reasons
 from radioloc.media.ionosphere import UniformTec
 from radioloc.time import Epochs, epochs_from_strings, utc_to_tai
 
-# What an interpolated arc promises: 0.3 ps of delay, and as much range.
+# Stated error of interpolated arcs: 0.3 ps of delay or the same in range.
 ALLOWED_M = 0.3e-12 * C_M_S
-# Partials, of the largest of their kind.
+# Error of partials relative to the largest partial of the same column.
 ALLOWED_RELATIVE = 1e-6
 ALLOWED_RAD = 1e-6
-# Rounding of partials, which is larger than that for short count intervals and by_time of short baselines.
+# Rounding of partials, which dominates for short count intervals and for by_time on short baselines.
 ROUNDING = {
     "by_position_pa": 4e-12,
     "by_time_m_s": 2e-6,
     "by_transponder_delay_m_s": 2e-5,
     "by_zenith_wet": 4e-9,
 }
-# Rounding of an exact range in other surroundings: in blocks, or selected.
+# Rounding of an exact range that is computed in blocks or in a selection.
 SAME_M = 1e-6
 
 
@@ -47,7 +47,7 @@ def series(path, kind, tai, **columns):
 
 
 def mixed(step_s=30.0, hours=8.0, start_fraction=0.6):
-    """A night of two- and three-way ranges, delays and Doppler of stations in China."""
+    """Return a night of two- and three-way ranges, delays and Doppler of stations in China."""
     tai = epochs_tai(int(hours * 3600.0 / step_s), hours, start_fraction=start_fraction)
     return Observations.concatenate(
         [
@@ -59,22 +59,22 @@ def mixed(step_s=30.0, hours=8.0, start_fraction=0.6):
     )
 
 
-def assert_agree(arc, pa_m, count=150, seed=1, model=None):
-    """Some rows, computed exactly, are within the bounds; the problems are the same."""
+def assert_agree(arc, position_pa_m, count=150, seed=1, model=None):
+    """Assert that random rows agree with exact ones within the stated errors and have the same status."""
     rows = np.random.default_rng(seed).permutation(len(arc.observations))[:count]
     part = arc.observations.select(rows)
-    exact = ExactPredictor(model or arc.model, part, FixedPoint(pa_m)).compute()
-    found = arc.at(FixedPoint(pa_m)).rows(rows)
-    assert (found.status == exact.status).all()
-    assert np.abs(found.value_m - exact.value_m).max() < ALLOWED_M
-    assert np.abs(arc.at(FixedPoint(pa_m)).value_m[rows] - exact.value_m).max() < ALLOWED_M
-    assert np.abs(found.elevation_rad - exact.elevation_rad).max() < ALLOWED_RAD
+    exact = ExactPredictor(model or arc.model, part, FixedPoint(position_pa_m)).compute()
+    interpolated = arc.at(FixedPoint(position_pa_m)).rows(rows)
+    assert (interpolated.status == exact.status).all()
+    assert np.abs(interpolated.value_m - exact.value_m).max() < ALLOWED_M
+    assert np.abs(arc.at(FixedPoint(position_pa_m)).value_m[rows] - exact.value_m).max() < ALLOWED_M
+    assert np.abs(interpolated.elevation_rad - exact.elevation_rad).max() < ALLOWED_RAD
     for name, rounding in ROUNDING.items():
-        one, other = getattr(found, name), getattr(exact, name)
+        partials, expected = getattr(interpolated, name), getattr(exact, name)
         for link in np.unique(part.link):
-            mine = part.link == link
-            limit = max(ALLOWED_RELATIVE * np.abs(other[mine]).max(), rounding)
-            assert np.abs(one[mine] - other[mine]).max() < limit, name
+            of_link = part.link == link
+            limit = max(ALLOWED_RELATIVE * np.abs(expected[of_link]).max(), rounding)
+            assert np.abs(partials[of_link] - expected[of_link]).max() < limit, name
 
 
 @pytest.mark.parametrize(
@@ -85,18 +85,18 @@ def test_dense_series_agree_with_the_exact_arc(model, longitude_deg, latitude_de
     point_pa_m = selenographic_to_cartesian(np.radians(longitude_deg), np.radians(latitude_deg), 0.0)
     arc = ChebyshevPredictor(model, mixed(), FixedPoint(point_pa_m))
     assert_agree(arc, point_pa_m)
-    found = arc.accuracy
-    assert found.interpolated > 0.9 * len(arc.observations)
-    # In fact interpolation is lost in the rounding of the ranges.
-    assert found.range_m < 1e-5
-    assert found.delay_s < 1e-14
-    assert found.integrated_m < 1e-5
-    assert 10 * found.nodes < found.interpolated
+    accuracy = arc.accuracy
+    assert accuracy.interpolated > 0.9 * len(arc.observations)
+    # The interpolation error is below the rounding of the ranges.
+    assert accuracy.range_m < 1e-5
+    assert accuracy.delay_s < 1e-14
+    assert accuracy.integrated_m < 1e-5
+    assert 10 * accuracy.nodes < accuracy.interpolated
 
 
 @pytest.mark.study
-def test_rise_and_set_and_what_lies_between(model):
-    """Through two days without looking at the horizon: every observation has the problem that it has."""
+def test_problems_below_the_horizon_agree_with_the_exact_arc(model):
+    """Observations over two days have the same problem text as the exact ones."""
     table = Observations.concatenate(
         [
             series("KASHI>x>KASHI", "range", epochs_tai(2880, 48.0)),
@@ -105,21 +105,21 @@ def test_rise_and_set_and_what_lies_between(model):
     )
     arc = ChebyshevPredictor(model, table, APOLLO15)
     exact = ExactPredictor(model, table, APOLLO15).compute()
-    found = arc.compute(APOLLO15)
-    assert (found.status == exact.status).all()
-    one, other = reasons(arc, found)[1], reasons(arc, exact)[1]
-    assert (one == other).all()
-    assert len(np.unique(other)) > 100  # elevations below the horizon
-    good = exact.usable
-    assert good.any()
-    assert np.abs(found.value_m - exact.value_m).max() < ALLOWED_M
+    interpolated = arc.compute(APOLLO15)
+    assert (interpolated.status == exact.status).all()
+    problems, exact_problems = reasons(arc, interpolated)[1], reasons(arc, exact)[1]
+    assert (problems == exact_problems).all()
+    assert len(np.unique(exact_problems)) > 100  # elevations below the horizon
+    usable = exact.usable
+    assert usable.any()
+    assert np.abs(interpolated.value_m - exact.value_m).max() < ALLOWED_M
     assert arc.accuracy.interpolated > 0.7 * len(table)
 
 
-def test_recorded_weather_makes_series_of_its_own(model):
+def test_recorded_weather_splits_series(model):
     tai = epochs_tai(5 * 720, 5.0, start_fraction=0.75)
     rows = np.arange(len(tai))
-    # New weather every half hour, except that one station gives it with every observation.
+    # Weather changes every half hour at one station and with every observation at the other.
     weather = LASER | {"temperature_k": 280.0 + (rows // 360) % 3, "pressure_hpa": 780.0 + (rows // 360) % 2}
     table = Observations.concatenate(
         [
@@ -130,21 +130,21 @@ def test_recorded_weather_makes_series_of_its_own(model):
     arc = ChebyshevPredictor(model, table, APOLLO15)
     assert_agree(arc, APOLLO15_PA_M)
     assert arc.accuracy.exact >= len(tai)
-    # Where the model leaves refraction out, it does not matter.
+    # Without refraction in the model weather has no effect.
     dry = ChebyshevPredictor(model.without("troposphere"), table, APOLLO15)
     assert dry.accuracy.exact < 100
     assert_agree(dry, APOLLO15_PA_M)
 
 
-class Kinked:
-    """An electron content with a corner every twenty minutes, as maps have at the borders of their cells."""
+class KinkedTec:
+    """Electron content with a corner every twenty minutes, as at the cell borders of maps."""
 
     def slant_tec(self, station_itrf_m, azimuth_rad, elevation_rad, epochs):
         phase = (epochs.fraction * 72.0) % 1.0
         return 10.0 + 20.0 * np.abs(phase - 0.5)
 
 
-@pytest.mark.parametrize("content", [UniformTec(30.0), Kinked()])
+@pytest.mark.parametrize("content", [UniformTec(30.0), KinkedTec()])
 def test_ionosphere(content):
     model = PhysicalModel.build(ionosphere=content)
     tai = epochs_tai(7200, 4.0, start_fraction=0.7)
@@ -152,8 +152,8 @@ def test_ionosphere(content):
     table = series("KASHI>x>KASHI", "range", tai, **columns)
     arc = ChebyshevPredictor(model, table, APOLLO15)
     assert_agree(arc, APOLLO15_PA_M, count=800)
-    if isinstance(content, Kinked):
-        # Near a corner exactly, between them interpolated.
+    if isinstance(content, KinkedTec):
+        # Rows near a corner are computed exactly, the others are interpolated.
         assert 0.0 < arc.accuracy.exact < 0.4 * len(table)
     else:
         assert arc.accuracy.exact == 0
@@ -166,24 +166,24 @@ def test_leap_second_and_midnights(model):
     tai = Epochs.from_jd(np.full(len(offset_s), middle.jd[0]), middle.fraction[0] + offset_s / 86400.0, "TAI")
     table = series("NEUQUEN>x>NEUQUEN", "range", tai)
     arc = ChebyshevPredictor(model.without("troposphere"), table, APOLLO15)
-    # The Moon goes down at the end.
+    # The Moon sets at the end.
     assert arc.accuracy.exact < 100
     assert_agree(arc, APOLLO15_PA_M, count=400)
 
 
 def untidy():
-    """Gaps, a lone observation, some at the same time, no order."""
+    """Return a table with gaps, a single observation, duplicate epochs and no order."""
     tai = epochs_tai(1200, 6.0, start_fraction=0.6)
-    keep = np.ones(1200, dtype=bool)
-    keep[300:420] = keep[500:503] = False
-    kept = tai[np.flatnonzero(keep)]
-    alone = Epochs.from_jd(tai.jd[:1] + 1.0, tai.fraction[:1], "TAI")
+    chosen = np.ones(1200, dtype=bool)
+    chosen[300:420] = chosen[500:503] = False
+    gappy = tai[np.flatnonzero(chosen)]
+    single = Epochs.from_jd(tai.jd[:1] + 1.0, tai.fraction[:1], "TAI")
     table = Observations.concatenate(
         [
-            series("KASHI>x>KASHI", "range", kept),
-            series("KASHI>x>KASHI", "range", kept[np.arange(40, 60)]),
-            series("SESHAN25<x>URUMQI", "vlbi_delay", kept),
-            series("KASHI>x>KASHI", "range", alone),
+            series("KASHI>x>KASHI", "range", gappy),
+            series("KASHI>x>KASHI", "range", gappy[np.arange(40, 60)]),
+            series("SESHAN25<x>URUMQI", "vlbi_delay", gappy),
+            series("KASHI>x>KASHI", "range", single),
         ]
     )
     return table.select(np.random.default_rng(7).permutation(len(table)))
@@ -198,7 +198,7 @@ def test_untidy_series(model):
     assert arc.stations == exact.stations
     assert (arc.transmitters == exact.transmitters).all()
     assert (arc.receivers == exact.receivers).all()
-    # The order in which they are given does not matter, to the last bit.
+    # The result does not depend on the order of the rows, to the last bit.
     order = np.argsort(utc_to_tai(table.epoch).mjd, kind="stable")
     sorted_arc = ChebyshevPredictor(model, table.select(order), APOLLO15)
     assert_same(sorted_arc.compute(APOLLO15), arc.compute(APOLLO15).rows(order))
@@ -209,72 +209,72 @@ def untidy_arc(model):
     return ChebyshevPredictor(model, untidy(), APOLLO15)
 
 
-@pytest.mark.parametrize("which", ["mask", "indices", "slice", "step"])
-def test_rows_and_select(untidy_arc, which):
+@pytest.mark.parametrize("selection", ["mask", "indices", "slice", "step"])
+def test_rows_and_select(untidy_arc, selection):
     n = len(untidy_arc.observations)
     rows = {
         "mask": np.arange(n) % 3 == 1,
         "indices": np.random.default_rng(3).integers(0, n, 400),
         "slice": slice(100, 900),
         "step": slice(None, None, -2),
-    }[which]
-    whole = untidy_arc.compute(APOLLO15)
-    assert_same(untidy_arc.at(APOLLO15).rows(rows), whole.rows(rows))
+    }[selection]
+    full = untidy_arc.compute(APOLLO15)
+    assert_same(untidy_arc.at(APOLLO15).rows(rows), full.rows(rows))
     part = untidy_arc.select(rows)
-    assert_same(part.compute(APOLLO15), whole.rows(rows))
-    assert (part.at(APOLLO15).value_m == whole.value_m[rows]).all()
-    assert part.accuracy.interpolated + part.accuracy.exact == len(whole.value_m[rows])
+    assert_same(part.compute(APOLLO15), full.rows(rows))
+    assert (part.at(APOLLO15).value_m == full.value_m[rows]).all()
+    assert part.accuracy.interpolated + part.accuracy.exact == len(full.value_m[rows])
     assert (part.observations.link == untidy_arc.observations.link[rows]).all()
     assert_same(part.select([5]).compute(APOLLO15), part.compute(APOLLO15).rows([5]))
 
 
 def test_threads_do_not_change_a_bit(untidy_arc, monkeypatch):
     numba = pytest.importorskip("numba")
-    found = []
+    computed = []
     for threads in (1, 2, 3):
         monkeypatch.setattr(numba.config, "NUMBA_NUM_THREADS", threads)
         monkeypatch.setattr(chebyshev_predictor, "_MIN_ROWS_PER_THREAD", 100)
-        found.append(untidy_arc.compute(APOLLO15))
-    assert_same(found[0], found[1])
-    assert_same(found[0], found[2])
+        computed.append(untidy_arc.compute(APOLLO15))
+    assert_same(computed[0], computed[1])
+    assert_same(computed[0], computed[2])
 
 
-def test_far_from_where_it_was_prepared(model):
-    """The segments are checked again; what the point's own move changes is in the polynomials."""
+def test_positions_far_from_the_one_prepared(model):
+    """Segments are checked again for a distant position; a change of position is part of the polynomials."""
     table = mixed(60.0, 4.0)
     arc = ChebyshevPredictor(model, table, APOLLO15)
-    before = arc.compute(APOLLO15)
-    for away_m in ([3e3, -2e3, 1e3], [-2e5, 1e5, 3e5]):
-        assert_agree(arc, APOLLO15_PA_M + np.array(away_m))
+    original = arc.compute(APOLLO15)
+    for offset_m in ([3e3, -2e3, 1e3], [-2e5, 1e5, 3e5]):
+        assert_agree(arc, APOLLO15_PA_M + np.array(offset_m))
     other_side_m = np.array([-1.0, 1.0, 1.0]) * APOLLO15_PA_M
     assert_agree(arc, other_side_m)
-    assert_same(arc.compute(APOLLO15), before, atol=SAME_M)
+    assert_same(arc.compute(APOLLO15), original, atol=SAME_M)
     with pytest.raises(InputError):
         arc.compute(np.array([np.nan, 0.0, 0.0]))
 
 
 def test_predicted_earth_orientation(model):
-    """Up to one midnight it is measured; of each observation it is known on which side its signals are."""
-    some = with_predictions_after_2_december(model)
+    """Observations after the midnight of the last measured Earth orientation are marked."""
+    predicted_model = with_predictions_after_2_december(model)
     tai = epochs_tai(1440, 12.0, start_jd=2459184.5, start_fraction=0.75)
     rows = series("KASHI>x>KASHI", "range", tai)
-    with pytest.warns(PredictedEopWarning) as told:
-        arc = ChebyshevPredictor(some, rows, APOLLO15)
-    assert len(told) == 1
+    with pytest.warns(PredictedEopWarning) as warned:
+        arc = ChebyshevPredictor(predicted_model, rows, APOLLO15)
+    assert len(warned) == 1
     with pytest.warns(PredictedEopWarning):
-        exact = ExactPredictor(some, rows, APOLLO15)
+        exact = ExactPredictor(predicted_model, rows, APOLLO15)
     assert (arc.predicted_eop == exact.predicted_eop).all()
     assert 0 < arc.predicted_eop.sum() < len(rows)
 
 
 def test_terms(model):
-    few = mixed(120.0, 3.0)
-    fewer = model.without(*(set(model.terms) - {"solid_earth_tide", "troposphere"}))
-    found = ChebyshevPredictor(fewer, few, APOLLO15).terms()
-    exact = ExactPredictor(fewer, few, APOLLO15).terms()
-    assert list(found) == list(exact)
+    table = mixed(120.0, 3.0)
+    reduced_model = model.without(*(set(model.terms) - {"solid_earth_tide", "troposphere"}))
+    terms = ChebyshevPredictor(reduced_model, table, APOLLO15).terms()
+    exact = ExactPredictor(reduced_model, table, APOLLO15).terms()
+    assert list(terms) == list(exact)
     for name, value_m in exact.items():
-        assert np.abs(found[name] - value_m).max() < 2 * ALLOWED_M
+        assert np.abs(terms[name] - value_m).max() < 2 * ALLOWED_M
 
 
 def test_choice_of_evaluation(model):
@@ -290,7 +290,7 @@ def test_choice_of_evaluation(model):
 
 
 def test_kernel_with_more_paths_than_bins():
-    """Many segments that take turns, of several degrees: zeros before the first coefficient change nothing."""
+    """Many alternating segments of several degrees; leading zero coefficients have no effect."""
     pytest.importorskip("numba")
     from radioloc.measurements import _kernels
 
@@ -301,9 +301,9 @@ def test_kernel_with_more_paths_than_bins():
     coefficients = random.normal(size=(segments, 2, 17))
     coefficients[::2, :, :6] = 0.0
     coefficients[::5, 1] = 0.0
-    out = np.full((2, n), np.nan)
-    _kernels.quantities(segment, x, coefficients, out, 0, n)
+    computed = np.full((2, n), np.nan)
+    _kernels.quantities(segment, x, coefficients, computed, 0, n)
     expected = coefficients[segment, :, 0].T.copy()
     for k in range(1, 17):
         expected = expected * x + coefficients[segment, :, k].T
-    np.testing.assert_array_equal(out, expected)
+    np.testing.assert_array_equal(computed, expected)

@@ -1,4 +1,4 @@
-"""Combinations are sums of what they combine, whatever stands beside them in a table and in whatever order."""
+"""Combined observations are weighted sums of their parts, independent of other rows and of the order."""
 
 import dataclasses
 
@@ -14,7 +14,7 @@ from radioloc.time import epochs_from_strings
 SAME_M = 1e-6
 """Rounding of the legs that are differenced."""
 
-# Type, path, count interval; of a combination also the parts: weight, type, path.
+# Type, path, count interval and, for combinations, the parts: weight, type, path.
 CASES = (
     ("range", "KASHI>a>JIAMUSI", None, None),
     (
@@ -51,7 +51,7 @@ def predictor(table, model):
 
 @pytest.fixture(scope="module")
 def arc(model):
-    """All cases in one table, by turns."""
+    """Return an arc of all cases, row by row in turn."""
     order = np.arange(len(CASES) * N).reshape(len(CASES), N).T.ravel()
     table = Observations.concatenate([tracking(*case[:3]) for case in CASES])
     return predictor(table.select(order), model)
@@ -59,7 +59,7 @@ def arc(model):
 
 @pytest.fixture(scope="module")
 def by_hand(model):
-    """Weights and predictions of the parts of each case."""
+    """Return weights and predictors of the parts of each case."""
     return [
         [
             (weight, predictor(tracking(kind, path, case[2]), model))
@@ -70,59 +70,61 @@ def by_hand(model):
 
 
 def test_values_and_partials_are_those_of_the_parts(arc, by_hand):
-    found, value_m = arc.compute(), arc.at().value_m
-    for k, parts in enumerate(by_hand):
-        mine = slice(k, None, len(CASES))
+    combined, value_m = arc.compute(), arc.at().value_m
+    for case_index, parts in enumerate(by_hand):
+        rows = slice(case_index, None, len(CASES))
         computed = [(weight, part.compute()) for weight, part in parts]
         for name in ("value_m", "by_time_m_s", "by_transponder_delay_m_s"):
-            expected = sum(weight * getattr(one, name) for weight, one in computed)
-            np.testing.assert_allclose(getattr(found, name)[mine], expected, rtol=0, atol=SAME_M)
-        np.testing.assert_array_equal(value_m[mine], found.value_m[mine])
+            expected = sum(weight * getattr(part, name) for weight, part in computed)
+            np.testing.assert_allclose(getattr(combined, name)[rows], expected, rtol=0, atol=SAME_M)
+        np.testing.assert_array_equal(value_m[rows], combined.value_m[rows])
         by_target = arc.at().combine(
-            np.arange(len(CASES) * N)[mine], lambda rows, inner, _: inner.rows(rows).by_position_pa
+            np.arange(len(CASES) * N)[rows], lambda part_rows, part, _: part.rows(part_rows).by_position_pa
         )
-        expected = sum(weight * one.by_position_pa for weight, one in computed)
+        expected = sum(weight * part.by_position_pa for weight, part in computed)
         np.testing.assert_allclose(by_target, expected, rtol=0, atol=1e-9)
 
 
 def test_each_target_is_at_its_own_position(model):
     table = tracking("range", "KASHI>b>JIAMUSI", None)
-    of_a, of_b = (prepare_predictor(model, table, position, "exact").at().value_m for position in POSITIONS)
-    together = predictor(table, model).at().value_m
-    np.testing.assert_allclose(together, of_b, rtol=0, atol=SAME_M)
-    assert np.abs(of_a - of_b).min() > 1000.0
+    a_m, b_m = (prepare_predictor(model, table, position, "exact").at().value_m for position in POSITIONS)
+    both_m = predictor(table, model).at().value_m
+    np.testing.assert_allclose(both_m, b_m, rtol=0, atol=SAME_M)
+    assert np.abs(a_m - b_m).min() > 1000.0
 
 
-def test_a_combination_is_as_low_and_as_unusable_as_its_parts(arc, by_hand):
-    found = arc.compute()
-    for k, parts in enumerate(by_hand):
-        mine = slice(k, None, len(CASES))
+def test_combination_has_the_lowest_elevation_and_the_problems_of_its_parts(arc, by_hand):
+    combined = arc.compute()
+    for case_index, parts in enumerate(by_hand):
+        rows = slice(case_index, None, len(CASES))
         computed = [part.compute() for _, part in parts]
-        lowest = np.min([one.elevation_rad for one in computed], axis=0)
-        np.testing.assert_allclose(found.elevation_rad[mine], lowest, rtol=0, atol=1e-9)
-        assert (found.usable[mine] == np.all([one.usable for one in computed], axis=0)).all()
-    of_ranges = found.usable[2 :: len(CASES)]
-    one_way = [part.compute().usable for _, part in by_hand[2]]
-    assert [int(each.sum()) for each in (*one_way, of_ranges)] == [3, 6, 1]  # far apart
+        lowest = np.min([part.elevation_rad for part in computed], axis=0)
+        np.testing.assert_allclose(combined.elevation_rad[rows], lowest, rtol=0, atol=1e-9)
+        assert (combined.usable[rows] == np.all([part.usable for part in computed], axis=0)).all()
+    range_usable = combined.usable[2 :: len(CASES)]
+    part_usable = [part.compute().usable for _, part in by_hand[2]]
+    assert [int(usable.sum()) for usable in (*part_usable, range_usable)] == [3, 6, 1]  # far apart
 
 
-def test_a_target_without_a_position_is_named(model):
+def test_target_without_a_position_is_named(model):
     table = tracking(*CASES[1][:3])
     with pytest.raises(InputError, match="expected a, got 'b'"):
         prepare_predictor(model, table, POSITIONS[:1], "exact", targets=("a",))
 
 
-@pytest.mark.parametrize("which", [slice(3, 33, 3), np.array([40, 2, 2, 21]), slice(0, 0)])
-def test_parts_of_an_arc(arc, which):
-    whole, part = arc.compute(), arc.select(which)
-    found = part.compute()
+@pytest.mark.parametrize("selection", [slice(3, 33, 3), np.array([40, 2, 2, 21]), slice(0, 0)])
+def test_selected_rows_have_the_values_of_the_full_arc(arc, selection):
+    full, part = arc.compute(), arc.select(selection)
+    computed = part.compute()
     for name in ("value_m", "by_time_m_s", "elevation_rad", "status"):
-        np.testing.assert_array_equal(getattr(found, name), getattr(whole, name)[which])
-    assert (part.observations.kind == arc.observations.kind[which]).all()
-    np.testing.assert_array_equal(reasons(part, found)[1], reasons(arc, arc.at().rows(which), which)[1])
+        np.testing.assert_array_equal(getattr(computed, name), getattr(full, name)[selection])
+    assert (part.observations.kind == arc.observations.kind[selection]).all()
+    np.testing.assert_array_equal(
+        reasons(part, computed)[1], reasons(arc, arc.at().rows(selection), selection)[1]
+    )
 
 
-def test_predicted_orientation_of_a_part_marks_a_combination(model):
+def test_predicted_orientation_of_one_part_marks_the_combination(model):
     with pytest.warns(PredictedEopWarning):
         arc = predictor(
             dataclasses.replace(
@@ -134,9 +136,9 @@ def test_predicted_orientation_of_a_part_marks_a_combination(model):
     assert arc.predicted_eop.tolist() == [False, True]
 
 
-def test_another_model_changes_a_combination_as_it_does_its_parts(arc, by_hand, model):
+def test_another_model_applies_to_the_parts_of_a_combination(arc, by_hand, model):
     airless, differences = model.without("troposphere"), arc.select(slice(2, None, len(CASES)))
-    found_m = differences.with_model(airless).at().value_m
+    value_m = differences.with_model(airless).at().value_m
     expected_m = sum(weight * part.with_model(airless).at().value_m for weight, part in by_hand[2])
-    np.testing.assert_allclose(found_m, expected_m, rtol=0, atol=SAME_M)
-    assert np.abs(found_m - differences.at().value_m).max() > 1.0
+    np.testing.assert_allclose(value_m, expected_m, rtol=0, atol=SAME_M)
+    assert np.abs(value_m - differences.at().value_m).max() > 1.0

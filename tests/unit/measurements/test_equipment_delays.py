@@ -37,18 +37,18 @@ def vlbi(model, tai=TAI):
 
 
 @pytest.mark.parametrize("tag", ["transmit", "receive", "bounce"])
-def test_a_transponder_lengthens_a_range_by_its_hold(plain, tag):
-    """By the light that passes meanwhile, and by how far the leg closes meanwhile that is not next to the tag."""
+def test_transponder_delay_lengthens_a_range(plain, tag):
+    """The range grows by c times the delay and by the motion of the other station during the delay."""
     model = with_delays(plain, HOLD_S)
-    one, held = computed(plain, "KASHI>x>JIAMUSI", tag), computed(model, "KASHI>x>JIAMUSI", tag)
-    longer_m = held.value_m - one.value_m
-    np.testing.assert_allclose(longer_m, HOLD_S * one.by_transponder_delay_m_s, rtol=0, atol=SAME_M)
+    reference, delayed = computed(plain, "KASHI>x>JIAMUSI", tag), computed(model, "KASHI>x>JIAMUSI", tag)
+    added_m = delayed.value_m - reference.value_m
+    np.testing.assert_allclose(added_m, HOLD_S * reference.by_transponder_delay_m_s, rtol=0, atol=SAME_M)
     # A leg closes at up to 400 m/s of the station and some of the Moon.
-    assert 1e-5 < np.abs(longer_m - C_M_S * HOLD_S).max() < 800.0 * HOLD_S
+    assert 1e-5 < np.abs(added_m - C_M_S * HOLD_S).max() < 800.0 * HOLD_S
 
 
-def test_one_path_has_two_tags(plain):
-    """Received at the transmission's epoch plus the time of flight by the clocks: the same path."""
+def test_transmit_and_receive_tags_give_the_same_path(plain):
+    """The reception epoch is the transmission epoch plus the time of flight by the station clocks."""
     model = with_delays(plain, HOLD_S, STATIONS)
     sent = computed(model, "KASHI>x>JIAMUSI").value_m
     received = computed(model, "KASHI>x>JIAMUSI", "receive", TAI.shifted(sent / C_M_S)).value_m
@@ -57,23 +57,23 @@ def test_one_path_has_two_tags(plain):
 
 
 @pytest.mark.parametrize("tag", ["transmit", "receive", "bounce"])
-def test_a_station_delay_moves_the_event_and_adds_to_the_value(plain, tag):
+def test_station_delay_shifts_the_event_and_adds_to_the_value(plain, tag):
     model = with_delays(plain, stations=STATIONS)
-    moved_s = {"transmit": 3e-8, "receive": -5e-5, "bounce": 0.0}[tag]
-    there = computed(plain, "KASHI>x>JIAMUSI", tag, TAI.shifted(moved_s)).value_m
-    clocks = computed(model, "KASHI>x>JIAMUSI", tag).value_m
-    np.testing.assert_allclose(clocks, there + C_M_S * (3e-8 + 5e-5), rtol=0, atol=1e-5)
+    shift_s = {"transmit": 3e-8, "receive": -5e-5, "bounce": 0.0}[tag]
+    event_m = computed(plain, "KASHI>x>JIAMUSI", tag, TAI.shifted(shift_s)).value_m
+    clock_m = computed(model, "KASHI>x>JIAMUSI", tag).value_m
+    np.testing.assert_allclose(clock_m, event_m + C_M_S * (3e-8 + 5e-5), rtol=0, atol=1e-5)
 
 
-def test_vlbi_sees_receive_delays_only(plain):
+def test_vlbi_delay_depends_on_receive_delays_only(plain):
     model = with_delays(plain, HOLD_S, STATIONS)
-    there = vlbi(plain, TAI.shifted(-2e-8)).value_m
-    np.testing.assert_allclose(vlbi(model).value_m, there + C_M_S * (5e-5 - 2e-8), rtol=0, atol=1e-5)
+    event_m = vlbi(plain, TAI.shifted(-2e-8)).value_m
+    np.testing.assert_allclose(vlbi(model).value_m, event_m + C_M_S * (5e-5 - 2e-8), rtol=0, atol=1e-5)
     assert not vlbi(model).by_transponder_delay_m_s.any()
 
 
 @pytest.mark.parametrize(("term", "size_s"), [("transponder_delay", HOLD_S), ("station_delay", 3e-8 + 5e-5)])
-def test_terms_switch_them_off(plain, term, size_s):
+def test_terms_switch_the_delays_off(plain, term, size_s):
     model = with_delays(plain, HOLD_S, STATIONS)
     without_m = computed(model.without(term), "KASHI>x>JIAMUSI").value_m
     assert computed(model, "KASHI>x>JIAMUSI").value_m - without_m == pytest.approx(C_M_S * size_s, abs=1e-3)
@@ -81,7 +81,7 @@ def test_terms_switch_them_off(plain, term, size_s):
     assert neither_m.tolist() == computed(plain, "KASHI>x>JIAMUSI").value_m.tolist()
 
 
-def test_names_are_the_catalogues(plain):
+def test_station_names_are_those_of_the_catalogue(plain):
     catalogue = plain.catalogue
     named = EquipmentDelays(stations={"7045": StationDelay(1e-8)}).with_catalogue_names(catalogue)
     assert dict(named.stations) == {"APOLLO": StationDelay(1e-8)}
@@ -94,7 +94,7 @@ def test_names_are_the_catalogues(plain):
 
 
 @pytest.mark.parametrize("delay_s", [-1e-9, 1.2, float("nan")])
-def test_what_is_no_delay(delay_s):
+def test_invalid_delays(delay_s):
     with pytest.raises(InputError, match="transponder_delay_s: expected 0"):
         EquipmentDelays(delay_s)
     with pytest.raises(InputError, match="receive_s: expected 0"):
@@ -102,7 +102,7 @@ def test_what_is_no_delay(delay_s):
 
 
 @pytest.mark.parametrize("path", ["KASHI>x>JIAMUSI", "NEUQUEN>x>NEUQUEN", "KASHI<x>JIAMUSI"])
-def test_air_delays_by_the_time_that_its_own_frame_has(plain, path):
+def test_delay_of_the_air_is_in_its_own_frame(plain, path):
     """The air moves at 30 km/s in the barycentric frame; the clocks beside it see its delay as it is.
 
     Left are the 1.5 km/s between station and point during a delay of 20 m: up to 0.1 mm. Without the air's motion it

@@ -1,4 +1,4 @@
-"""The whole chain: sizes of terms, time tags, links, partials, and why an observation is not computed."""
+"""Exact predictions: sizes of terms, time tags, links, partials and reasons for unusable observations."""
 
 import numpy as np
 import pytest
@@ -12,11 +12,11 @@ from radioloc.media.status import Status, describe
 from radioloc.time import Epochs, epochs_from_strings, tai_to_tt, utc_to_tai
 from radioloc.time.scales import tdb_to_tt, tt_to_tai
 
-# The chain's noise is half a micrometre at most; what is the same by definition has to agree to this.
+# Values that are equal by definition agree to this; the rounding of a prediction is below half a micrometre.
 SAME_M = 1e-6
 
-# Relative to the norm of the partials. What the analytic ones leave out: how the lunar tide turns with the point
-# (4e-7), how gravity and the troposphere change along with it (1e-7 above 20 degrees).
+# Relative to the norm of the partials. The analytic partials leave out the change of the lunar tide with the point
+# (4e-7) and of gravity and the troposphere with it (1e-7 above 20 degrees).
 PARTIALS_RELATIVE = 1e-6
 
 
@@ -33,8 +33,8 @@ def computed(model, path, tai, tag="transmit", pa_m=APOLLO15_PA_M, **columns):
 # Terms
 
 
-# What each term adds to a round trip between Apache Point and Apollo 15 with the Moon up to 90 degrees from the
-# meridian, m: least and most, by the physics of it.
+# Lower and upper bound in metres of the contribution of each term to a round trip between Apache Point and
+# Apollo 15, with the Moon up to 90 degrees from the meridian.
 BOUNDS_M = {
     # 2 x (7.6 m by the Sun (1.7 % by the Earth's distance, 7 % by the Moon's) + 4 cm by the Earth), less than 1 mm by
     # Moon and planets.
@@ -76,71 +76,73 @@ BOUNDS_M = {
 
 @pytest.fixture(scope="module")
 def apollo_terms(model):
-    """Terms at all hours at which the Moon stands above 20 degrees, over 13 months in steps of a day and 50 minutes."""
+    """Return terms for elevations above 20 degrees over 13 months in steps of a day and 50 minutes."""
     tai = Epochs.from_jd(2453832.5, 1.0347 * np.arange(400), "TAI")
-    every = observations(
+    table = observations(
         "APOLLO>apollo15>APOLLO", Epochs.concatenate([tai, tai.shifted(-6 * 3600.0)]), **LASER
     )
-    elevation_rad = ExactPredictor(model, every, APOLLO15).compute().elevation_rad
-    chosen = every.select(elevation_rad.min(axis=1) > np.radians(20.0))
-    assert len(chosen) > 150
-    return ExactPredictor(model, chosen, APOLLO15).terms()
+    elevation_rad = ExactPredictor(model, table, APOLLO15).compute().elevation_rad
+    high = table.select(elevation_rad.min(axis=1) > np.radians(20.0))
+    assert len(high) > 150
+    return ExactPredictor(model, high, APOLLO15).terms()
 
 
 @pytest.mark.parametrize("term", TERMS)
 def test_size_of_each_term(apollo_terms, term):
-    least, most = BOUNDS_M[term]
+    lower, upper = BOUNDS_M[term]
     value = apollo_terms[term]
-    assert value.min() >= least
-    assert value.max() <= most
-    # The bounds are bounds of something: a term that was lost would be near zero.
-    if least < most:
-        assert np.abs(value).max() > 0.1 * max(abs(least), abs(most))
+    assert value.min() >= lower
+    assert value.max() <= upper
+    # A term that is lost would be near zero.
+    if lower < upper:
+        assert np.abs(value).max() > 0.1 * max(abs(lower), abs(upper))
 
 
-def test_combinations_are_refused(model):
+def test_combined_observations_are_refused(model):
     rows = observations("KASHI<x>JIAMUSI", epochs_tai(2, 1.0), "receive", kind="differenced_range")
     with pytest.raises(InputError, match="got combined ones"):
         ExactPredictor(model, rows, APOLLO15)
 
 
 def test_shapiro_is_the_sum_over_all_bodies(radio):
-    """Added up once more from plain geometry: a signal along a chord at one instant, all bodies at rest."""
+    """Compare with the sum over all bodies at rest for a straight signal at one instant."""
     tai = epochs_tai(9, 48.0)
-    found = computed(radio, "KASHI>x>KASHI", tai, "bounce")
-    term_m = found.value_m - computed(radio.without("shapiro"), "KASHI>x>KASHI", tai, "bounce").value_m
+    predicted = computed(radio, "KASHI>x>KASHI", tai, "bounce")
+    term_m = predicted.value_m - computed(radio.without("shapiro"), "KASHI>x>KASHI", tai, "bounce").value_m
     arc = ExactPredictor(radio, observations("KASHI>x>KASHI", tai, "bounce"), APOLLO15)
-    now = arc._reference
-    station_m = radio.earth.evaluate(tdb_to_tt(now)).rot_itrf_to_gcrs @ radio.catalogue["KASHI"].itrf_m
-    moon_m, _ = radio.ephemeris.geocentric("moon", now)
+    reference = arc._reference
+    station_m = radio.earth.evaluate(tdb_to_tt(reference)).rot_itrf_to_gcrs @ radio.catalogue["KASHI"].itrf_m
+    moon_m, _ = radio.ephemeris.geocentric("moon", reference)
     lander_m = moon_m + np.einsum("nij,j->ni", arc._moon.rot_pa_to_icrf, APOLLO15_PA_M)
     chord_m = np.linalg.norm(lander_m - station_m, axis=-1)
     by_body_m = {}
     for body in ("sun", "earth", "moon", "venus", "jupiter", "saturn"):
-        body_m = np.zeros((9, 3)) if body == "earth" else radio.ephemeris.geocentric(body, now)[0]
-        both_m = np.linalg.norm(station_m - body_m, axis=-1) + np.linalg.norm(lander_m - body_m, axis=-1)
+        body_m = np.zeros((9, 3)) if body == "earth" else radio.ephemeris.geocentric(body, reference)[0]
+        legs_m = np.linalg.norm(station_m - body_m, axis=-1) + np.linalg.norm(lander_m - body_m, axis=-1)
         k_m = 2.0 * radio.ephemeris.constants.gm_m3_s2(body) / C_M_S**2
-        by_body_m[body] = 2.0 * k_m * np.log((both_m + chord_m + k_m) / (both_m - chord_m + k_m))
+        by_body_m[body] = 2.0 * k_m * np.log((legs_m + chord_m + k_m) / (legs_m - chord_m + k_m))
     # Each leg is 1e-6 to 1e-5 longer or shorter than the chord; through the Earth its logarithm changes faster.
-    seen = found.usable
-    assert seen.sum() >= 4
-    np.testing.assert_allclose(term_m[seen], sum(by_body_m.values())[seen], rtol=0, atol=2e-5)
-    # The Moon's part and that of a planet would be missed.
+    usable = predicted.usable
+    assert usable.sum() >= 4
+    np.testing.assert_allclose(term_m[usable], sum(by_body_m.values())[usable], rtol=0, atol=2e-5)
+    # The contributions of the Moon and the planets are large enough to be noticed.
     assert by_body_m["moon"].min() > 3e-4
     assert by_body_m["jupiter"].min() > 1e-3
     assert by_body_m["saturn"].min() > 1e-4
 
 
 def test_terms_add_up(model):
-    """Everything minus nothing is the sum of the terms, but for the products of pairs: 15 m of light time in which
-    the Earth moves 1.5 mm, 0.5 m of displacement in gradients of 1e-6."""
+    """The value less that without any terms is the sum of the terms, except for products of pairs.
+
+    The Earth moves 1.5 mm in the light time of 15 m; displacements of 0.5 m change gradients of 1e-6.
+    """
     table = observations("APOLLO>apollo15>APOLLO", epochs_tai(5, 3.0, 2454040.5, 0.35), **LASER)
     arc = ExactPredictor(model, table, APOLLO15)
     terms = arc.terms(APOLLO15)
     # The constant tide is a part of the tide and would count twice.
     total_m = sum(value for name, value in terms.items() if name != "lunar_tide_constant")
-    nothing_m = ExactPredictor(model.without(*TERMS), table, APOLLO15).compute().value_m
-    np.testing.assert_allclose(arc.compute(APOLLO15).value_m - nothing_m, total_m, rtol=0, atol=1e-5)
+    without_terms_m = ExactPredictor(model.without(*TERMS), table, APOLLO15).compute().value_m
+    np.testing.assert_allclose(arc.compute(APOLLO15).value_m - without_terms_m, total_m, rtol=0, atol=1e-5)
 
 
 # ---------------------------------------------------------------------------------------------------------------------
@@ -148,21 +150,21 @@ def test_terms_add_up(model):
 
 
 @pytest.mark.parametrize("path", ["KASHI>x>KASHI", "KASHI>x>NEUQUEN", "NEUQUEN>x>JIAMUSI"])
-def test_the_same_path_by_each_of_its_tags(radio, path):
-    """What leaves at t arrives at t + range / c by the stations' clocks, and there is one path between the two."""
+def test_time_tags_give_the_same_path(radio, path):
+    """A signal sent at t is received at t + range / c by the station clocks, over the same path."""
     tai = epochs_tai(9, 24.0)
     arc = ExactPredictor(radio, observations(path, tai, "transmit"), APOLLO15)
     sent = arc.compute(APOLLO15)
     received = computed(radio, path, tai.shifted(sent.value_m / C_M_S), "receive")
     assert np.abs(received.value_m - sent.value_m).max() < SAME_M
-    # The bounce is told by the geocentre's clock: its TDB less the geocentre's TDB - TT.
+    # The bounce is tagged by a clock at the geocentre: its TDB less TDB - TT of the geocentre.
     solved, *_ = arc._solve()
     bounce = tt_to_tai(tdb_to_tt(arc._reference.shifted(solved.bounce_s)))
     bounced = computed(radio, path, bounce, "bounce")
     assert np.abs(bounced.value_m - sent.value_m).max() < SAME_M
-    for other in (received, bounced):
-        np.testing.assert_allclose(other.by_position_pa, sent.by_position_pa, rtol=0, atol=2e-5)
-        np.testing.assert_allclose(other.elevation_rad, sent.elevation_rad, rtol=0, atol=1e-9)
+    for same_path in (received, bounced):
+        np.testing.assert_allclose(same_path.by_position_pa, sent.by_position_pa, rtol=0, atol=2e-5)
+        np.testing.assert_allclose(same_path.elevation_rad, sent.elevation_rad, rtol=0, atol=1e-9)
 
 
 def test_station_by_alias_is_one_station(radio):
@@ -178,67 +180,65 @@ def test_station_by_alias_is_one_station(radio):
 
 
 # ---------------------------------------------------------------------------------------------------------------------
-# Preparation
-
-
-# ---------------------------------------------------------------------------------------------------------------------
 # Partials
 
 
 @pytest.mark.parametrize("tag", TIME_TAGS)
 def test_partials_of_laser_ranges(model, tag):
-    """With the troposphere of light; radio's partials are in the properties."""
+    """Compare partials with differences, including the optical troposphere; tests of properties cover radio."""
     tai = epochs_tai(5, 3.0, 2460311.5, 0.1)
     arc = ExactPredictor(model, observations("GRASSE>x>GRASSE", tai, tag, **LASER), APOLLO15)
-    here = arc.compute(APOLLO15)
-    assert (np.degrees(here.elevation_rad) > 20.0).all()
+    predicted = arc.compute(APOLLO15)
+    assert (np.degrees(predicted.elevation_rad) > 20.0).all()
     # Third differences over 100 m are 1e-13 relative, round-off of 7e8 m is 1e-9.
     step_m = 100.0
     changes_m = [
-        arc.compute(FixedPoint(APOLLO15_PA_M + away)).value_m
-        - arc.compute(FixedPoint(APOLLO15_PA_M - away)).value_m
-        for away in step_m * np.eye(3)
+        arc.compute(FixedPoint(APOLLO15_PA_M + step)).value_m
+        - arc.compute(FixedPoint(APOLLO15_PA_M - step)).value_m
+        for step in step_m * np.eye(3)
     ]
     numeric = np.stack(changes_m, axis=-1) / (2 * step_m)
-    error = np.linalg.norm(here.by_position_pa - numeric, axis=-1).max()
+    error = np.linalg.norm(predicted.by_position_pa - numeric, axis=-1).max()
     assert error < PARTIALS_RELATIVE * np.linalg.norm(numeric, axis=-1).min()
     # Third differences over 0.5 s are 1e-7 m/s, round-off 1e-6 m/s.
     step_s = 0.5
     ahead, behind = (
         computed(model, "GRASSE>x>GRASSE", tai.shifted(s), tag, **LASER).value_m for s in (step_s, -step_s)
     )
-    error_m_s = here.by_time_m_s - (ahead - behind) / (2 * step_s)
-    assert np.linalg.norm(error_m_s) < PARTIALS_RELATIVE * np.linalg.norm(here.by_time_m_s)
+    error_m_s = predicted.by_time_m_s - (ahead - behind) / (2 * step_s)
+    assert np.linalg.norm(error_m_s) < PARTIALS_RELATIVE * np.linalg.norm(predicted.by_time_m_s)
     # Left out: gravity's own rate (2e-5 m/s) and the tides' (5e-5 m/s). A time bias of 0.1 s is right to 10 um.
     assert np.abs(error_m_s).max() < 1e-4
 
 
 # ---------------------------------------------------------------------------------------------------------------------
-# What is not computed, and why
+# Unusable observations
 
 
 def test_below_the_horizon(radio, model):
     tai = epochs_tai(49, 48.0)
-    for some_model, weather in ((radio, {}), (model, LASER)):
-        found = computed(some_model, "KASHI>x>NEUQUEN", tai, **weather)
-        down = found.elevation_rad < 0.0
-        assert down.any()
-        assert not down.all()
-        code, text = describe(found.status, found.elevation_rad)
-        assert ((code == Status.BELOW_HORIZON) == down.any(axis=1)).all()
-        assert np.isfinite(found.value_m).all()
-    lowest = np.degrees(found.elevation_rad[down[:, 0], 0])
-    assert text[down[:, 0]][0] == f"below the horizon ({lowest[0]:.1f} deg)"
+    for tested_model, weather in ((radio, {}), (model, LASER)):
+        predicted = computed(tested_model, "KASHI>x>NEUQUEN", tai, **weather)
+        below = predicted.elevation_rad < 0.0
+        assert below.any()
+        assert not below.all()
+        code, text = describe(predicted.status, predicted.elevation_rad)
+        assert ((code == Status.BELOW_HORIZON) == below.any(axis=1)).all()
+        assert np.isfinite(predicted.value_m).all()
+    lowest = np.degrees(predicted.elevation_rad[below[:, 0], 0])
+    assert text[below[:, 0]][0] == f"below the horizon ({lowest[0]:.1f} deg)"
 
 
 def test_below_three_degrees_only_the_troposphere_is_missing(model, radio):
     tai = epochs_tai(721, 24.0)
-    found = computed(model, "GRASSE>x>GRASSE", tai, **LASER)
-    highest = np.degrees(found.elevation_rad).min(axis=1)
-    low = (highest > 0.0) & (highest < 3.0)
+    predicted = computed(model, "GRASSE>x>GRASSE", tai, **LASER)
+    elevation_deg = np.degrees(predicted.elevation_rad).min(axis=1)
+    low = (elevation_deg > 0.0) & (elevation_deg < 3.0)
     assert low.sum() > 10
-    assert all("below 3 degrees" in text for text in describe(found.status, found.elevation_rad)[1][low])
-    assert found.usable[highest > 3.0].all()
+    assert all(
+        "below 3 degrees" in text for text in describe(predicted.status, predicted.elevation_rad)[1][low]
+    )
+    assert predicted.usable[elevation_deg > 3.0].all()
     assert computed(radio, "GRASSE>x>GRASSE", tai).usable[low].all()
 
 
@@ -254,10 +254,10 @@ def test_below_three_degrees_only_the_troposphere_is_missing(model, radio):
 )
 def test_missing_weather(model, radio, changes, words):
     tai = epochs_tai(3, 1.0, 2460311.5, 0.1)
-    found = computed(model, "GRASSE>x>GRASSE", tai, **(LASER | changes))
-    assert all(words in text for text in describe(found.status, found.elevation_rad)[1])
-    without = computed(radio, "GRASSE>x>GRASSE", tai, **(LASER | changes))
-    assert without.usable.all()
+    predicted = computed(model, "GRASSE>x>GRASSE", tai, **(LASER | changes))
+    assert all(words in text for text in describe(predicted.status, predicted.elevation_rad)[1])
+    airless = computed(radio, "GRASSE>x>GRASSE", tai, **(LASER | changes))
+    assert airless.usable.all()
 
 
 def test_unknown_station_names_file_and_line(radio):
@@ -273,7 +273,7 @@ def test_unknown_station_names_file_and_line(radio):
     )
     with pytest.raises(StationError, match=r"pass\.tdm, line 19: station 'KASHGAN' .* KASHI"):
         ExactPredictor(radio, table, APOLLO15)
-    # A link that no row uses is not looked up.
+    # Stations of unused links are not looked up.
     assert ExactPredictor(radio, table.select([0, 1]), APOLLO15).stations == ("KASHI",)
 
 
@@ -286,20 +286,20 @@ def test_epochs_outside_kernels_or_earth_orientation(radio, date):
         ExactPredictor(radio, table, APOLLO15)
 
 
-def test_no_observations_are_no_error(radio):
-    none = observations("KASHI>x>KASHI", epochs_tai(2, 1.0)).select(np.zeros(2, dtype=bool))
-    found = ExactPredictor(radio, none, APOLLO15).compute()
-    assert found.value_m.shape == (0,)
-    assert found.by_position_pa.shape == (0, 3)
+def test_empty_table_gives_empty_predictions(radio):
+    empty = observations("KASHI>x>KASHI", epochs_tai(2, 1.0)).select(np.zeros(2, dtype=bool))
+    predicted = ExactPredictor(radio, empty, APOLLO15).compute()
+    assert predicted.value_m.shape == (0,)
+    assert predicted.by_position_pa.shape == (0, 3)
 
 
-def test_leap_second_does_not_show(radio):
-    """Ranges around the leap second of 2016 follow one another smoothly in TAI."""
+def test_ranges_are_smooth_across_a_leap_second(radio):
+    """Ranges around the leap second of 2016 are a smooth function of TAI."""
     tai = utc_to_tai(epochs_from_strings("2016-12-31T23:59:55", "UTC")).shifted(0.5)
     tai = Epochs.concatenate([tai.shifted(s) for s in np.arange(11.0)])
     range_m = computed(radio, "KASHI>x>KASHI", tai).value_m
     seconds = np.arange(11.0)
-    grown_m = range_m - range_m[0]
-    left = grown_m - np.polynomial.Polynomial.fit(seconds, grown_m, 3)(seconds)
-    assert np.abs(left).max() < SAME_M
+    change_m = range_m - range_m[0]
+    residual_m = change_m - np.polynomial.Polynomial.fit(seconds, change_m, 3)(seconds)
+    assert np.abs(residual_m).max() < SAME_M
     assert tai_to_tt(tai).scale == "TT"

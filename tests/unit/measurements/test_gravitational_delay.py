@@ -59,14 +59,14 @@ def test_against_40_digits(name):
 def test_bending_matters_at_the_limb_of_the_sun():
     """Moyer: beside the Sun the bending shortens the delay by some 8 m of 35 km, which k in the logarithm gives."""
     points, gm = CASES["grazing the sun"]
-    got = float(delay_m(*points, gm)[0])
+    computed_m = float(delay_m(*points, gm)[0])
     # r1 + r2 - r12 is 3e6 m and rounded to 6e-5 m.
-    assert got == pytest.approx(delay_to_40_digits(*points, gm), abs=1e-6)
-    assert 1.0 < delay_to_40_digits(*points, gm, bending=False) - got < 10.0
+    assert computed_m == pytest.approx(delay_to_40_digits(*points, gm), abs=1e-6)
+    assert 1.0 < delay_to_40_digits(*points, gm, bending=False) - computed_m < 10.0
 
 
 def test_sizes():
-    """One way to the Moon: 7.6 m by the Sun, some 3 to 5 cm by the Earth."""
+    """The one-way delay to the Moon is 7.6 m for the Sun and 3 to 5 cm for the Earth."""
     assert delay_m(*CASES["sun aside"][0], GM_SUN)[0] == pytest.approx(7.59, abs=0.01)
     assert delay_m(*CASES["earth, moon at the horizon"][0], GM_EARTH)[0] == pytest.approx(0.042, abs=0.002)
     assert delay_m(*CASES["earth, station below the moon"][0], GM_EARTH)[0] == pytest.approx(

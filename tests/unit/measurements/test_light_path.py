@@ -28,7 +28,7 @@ def moving(offset_s, position_m, velocity_m_s):
     return MovingPoint(np.array([offset_s]), np.array([position_m]), np.array([velocity_m_s]))
 
 
-# Two stations and a point on the Moon, at their places some seconds from the tag and with barycentric velocities.
+# Two stations and a point on the Moon: barycentric positions some seconds from the tag, and velocities.
 TRANSMITTER = moving(-0.4, [4.1e6, -2.2e6, 4.3e6], [2.1e4, -2.0e4, -8.7e3])
 RELAY = moving(1.1, [2.6e8, 2.5e8, -1.1e8], [2.05e4, -1.95e4, -8.9e3])
 RECEIVER = moving(2.7, [-3.9e6, 3.0e6, 4.1e6], [2.13e4, -2.08e4, -8.7e3])
@@ -80,7 +80,7 @@ def solve(tag, sign=1, tag_offset_s=0.3, hold_s=0.0):
     return solve_light_path(signal, UP_DELAY_M, DOWN_DELAY_M)
 
 
-# A differenced delay is of a signal that nobody holds.
+# A differenced delay has no transponder delay.
 both_signs = pytest.mark.parametrize(
     ("sign", "hold_s"),
     [(1, 0.0), (1, HOLD_S), (-1, 0.0)],
@@ -102,36 +102,36 @@ def test_solution_against_40_digits(tag, sign, hold_s):
     assert tagged.tolist() == [0.3]
 
 
-def test_tags_may_be_mixed_and_do_not_mix():
+def test_paths_with_mixed_tags_equal_separate_ones():
     tags = np.array([TRANSMIT, RECEIVE, BOUNCE], dtype=np.int8)
     three = [
         MovingPoint(*(np.repeat(a, 3, axis=0) for a in (p.offset_s, p.position_m, p.velocity_m_s)))
         for p in (TRANSMITTER, RELAY, RECEIVER)
     ]
-    together = solve_light_path(Signal(*three, tags, np.full(3, 0.3)), UP_DELAY_M, DOWN_DELAY_M)
-    alone = [solve(tag) for tag in tags]
-    assert together.up_s == pytest.approx([a.up_s[0] for a in alone], rel=0, abs=1e-15)
-    assert together.down_s == pytest.approx([a.down_s[0] for a in alone], rel=0, abs=1e-15)
-    partials = path_length_partials(together, *three, tags)
+    mixed = solve_light_path(Signal(*three, tags, np.full(3, 0.3)), UP_DELAY_M, DOWN_DELAY_M)
+    separate = [solve(tag) for tag in tags]
+    assert mixed.up_s == pytest.approx([a.up_s[0] for a in separate], rel=0, abs=1e-15)
+    assert mixed.down_s == pytest.approx([a.down_s[0] for a in separate], rel=0, abs=1e-15)
+    partials = path_length_partials(mixed, *three, tags)
     for row in range(3):
-        one = path_length_partials(alone[row], TRANSMITTER, RELAY, RECEIVER, tags[row : row + 1])
-        np.testing.assert_allclose(partials.by_position[row], one.by_position[0], rtol=0, atol=1e-13)
-        np.testing.assert_allclose(partials.by_tag[row], one.by_tag[0], rtol=0, atol=1e-8)
+        expected = path_length_partials(separate[row], TRANSMITTER, RELAY, RECEIVER, tags[row : row + 1])
+        np.testing.assert_allclose(partials.by_position[row], expected.by_position[0], rtol=0, atol=1e-13)
+        np.testing.assert_allclose(partials.by_tag[row], expected.by_tag[0], rtol=0, atol=1e-8)
 
 
 @both_signs
 @pytest.mark.parametrize("tag", TAGS.values(), ids=TAGS)
 def test_partials_against_40_digits(tag, sign, hold_s):
     path = solve(tag, sign, hold_s=hold_s)
-    found = path_length_partials(path, TRANSMITTER, RELAY, RECEIVER, np.array([tag], dtype=np.int8), sign)
+    analytic = path_length_partials(path, TRANSMITTER, RELAY, RECEIVER, np.array([tag], dtype=np.int8), sign)
     with mp.workdps(40):
 
-        def slope(step, **moved):
+        def slope(step, **changed):
             """Central difference; its error, step^2 over distance^2, is 1e-17 by length and 1e-13 by time."""
             lengths = []
             for sense in (1, -1):
                 changes = {"hold_s": mp.mpf(hold_s)} | {
-                    key: value(sense * step) for key, value in moved.items()
+                    key: value(sense * step) for key, value in changed.items()
                 }
                 up, down, _ = path_to_40_digits(tag, sign, **changes)
                 lengths.append(mp.mpf(C_M_S) * (sign * up + changes["hold_s"] + down))
@@ -145,25 +145,25 @@ def test_partials_against_40_digits(tag, sign, hold_s):
         by_up = slope(metre, up_delay_m=lambda s: mp.mpf(UP_DELAY_M) + s)
         by_down = slope(metre, down_delay_m=lambda s: mp.mpf(DOWN_DELAY_M) + s)
         by_hold = slope(second, hold_s=lambda s: mp.mpf(hold_s) + s)
-    assert np.linalg.norm(found.by_position[0] - by_position) < PARTIALS_RELATIVE * np.linalg.norm(
+    assert np.linalg.norm(analytic.by_position[0] - by_position) < PARTIALS_RELATIVE * np.linalg.norm(
         by_position
     )
-    assert abs(found.by_tag[0] - by_tag) < PARTIALS_RELATIVE * abs(by_tag)
-    assert abs(found.by_up_delay[0] - by_up) < PARTIALS_RELATIVE
-    assert abs(found.by_down_delay[0] - by_down) < PARTIALS_RELATIVE
+    assert abs(analytic.by_tag[0] - by_tag) < PARTIALS_RELATIVE * abs(by_tag)
+    assert abs(analytic.by_up_delay[0] - by_up) < PARTIALS_RELATIVE
+    assert abs(analytic.by_down_delay[0] - by_down) < PARTIALS_RELATIVE
     if sign > 0:
-        assert abs(found.by_hold[0] - by_hold) < PARTIALS_RELATIVE * C_M_S
+        assert abs(analytic.by_hold[0] - by_hold) < PARTIALS_RELATIVE * C_M_S
 
 
 @pytest.mark.parametrize("broken", ["transmitter", "relay", "receiver"])
-def test_nan_does_not_pass_for_converged(broken):
+def test_nan_is_not_converged(broken):
     points = {"transmitter": TRANSMITTER, "relay": RELAY, "receiver": RECEIVER}
     points[broken] = moving(0.0, [np.nan, 0.0, 0.0], [0.0, 0.0, 0.0])
     with pytest.raises(ConvergenceError, match="1 of 1 paths"):
         solve_light_path(Signal(*points.values(), np.zeros(1, dtype=np.int8), np.zeros(1)), 0.0, 0.0)
 
 
-def test_light_cannot_be_outrun():
+def test_points_near_the_speed_of_light_do_not_converge():
     fast = moving(0.0, [1e8, 0.0, 0.0], [0.9 * C_M_S, 0.0, 0.0])
     with pytest.raises(ConvergenceError, match="1 of 1 paths"):
         solve_light_path(

@@ -1,4 +1,4 @@
-"""The target's own clock: its rate on the Moon and in orbit, and what it does to one-way measurements.
+"""Clock of the target: its rate on the Moon and in orbit, and its effect on one-way measurements.
 
 The lander's clock is compared with proper time in the geocentric frame in ``test_geocentric_formulation``.
 """
@@ -15,7 +15,7 @@ from radioloc.measurements import ExactPredictor, FixedPoint, PhysicalModel, pre
 from radioloc.measurements.proper_time import clock_epoch, target_clock
 from radioloc.time import Epochs, tai_to_utc, utc_to_tai
 
-NOWHERE = np.zeros(3)
+ORIGIN_M = np.zeros(3)
 SAME_M = 2e-6
 HOUR_S = 3600.0
 
@@ -41,91 +41,91 @@ def values_m(model, table, at_m=APOLLO15_PA_M, trajectory=None):
 
 
 def gained_s(model, tdb, radius_m=1737.4e3, trajectory=None):
-    every = np.ones(len(tdb), dtype=bool)
-    clock = target_clock(model, tdb, every, np.full(len(tdb), radius_m), tdb[:1], trajectory)
+    selected = np.ones(len(tdb), dtype=bool)
+    clock = target_clock(model, tdb, selected, np.full(len(tdb), radius_m), tdb[:1], trajectory)
     return clock.offset_s - clock.offset_s[0], clock.rate
 
 
-def test_a_clock_on_the_moon_gains_56_microseconds_a_day(model):
+def test_clock_on_the_moon_gains_56_microseconds_a_day(model):
     """Ashby and Patla (2024, Astron. J. 168, 112): 56.0199 a day at the selenoid, against a clock on the geoid."""
     months, count = 13 * 27.554550, 4000
     tdb = Epochs.from_jd(2459185.5, np.linspace(0.0, months, count), "TDB")
     gained, rate = gained_s(model, tdb, 1738.1e3)
     slope_s_d = np.polynomial.Polynomial.fit(np.linspace(0.0, months, count), gained, 1).deriv()(0.0)
-    # The Moon's orbit is not the Keplerian one of that paper, and 130 microseconds come and go with the month.
+    # The Moon's orbit is not the Keplerian one of that paper, and 130 microseconds are periodic with the month.
     assert slope_s_d == pytest.approx(56.02e-6, abs=0.1e-6)
     assert np.allclose(np.diff(gained), 0.5 * (rate[1:] + rate[:-1]) * np.diff(tdb.mjd) * 86400.0, atol=1e-9)
 
 
-def test_a_clock_in_a_circular_orbit(model, orbiter):
-    """It loses 3/2 GM / (r c^2) on one at rest at the Moon's centre without its gravity, and v.r / c^2 come and go."""
+def test_clock_in_a_circular_orbit(model, orbiter):
+    """Compared with a clock at the Moon's centre its rate is lower by 3/2 GM / (r c^2), with periodic v.r / c^2."""
     tdb = Epochs.from_tdb_seconds(START_S + np.linspace(60.0, 12 * HOUR_S, 500))
     in_orbit, _ = gained_s(model, tdb, trajectory=orbiter)
-    still, _ = gained_s(model, tdb, 1e30)
-    since_s = tdb.seconds_since(tdb[:1])
+    at_rest, _ = gained_s(model, tdb, 1e30)
+    elapsed_s = tdb.seconds_since(tdb[:1])
     radius_m, gm = 1837.4e3, model.ephemeris.constants.gm_moon_m3_s2
     moon_m, moon_m_s = model.ephemeris.geocentric("moon", tdb)
-    place_m, _ = orbiter.geocentric(model.ephemeris, tdb)
+    orbiter_m, _ = orbiter.geocentric(model.ephemeris, tdb)
     v_m_s = model.ephemeris.earth(tdb).velocity_m_s + moon_m_s
-    place_s = np.einsum("ni,ni->n", v_m_s, place_m - moon_m) / C_M_S**2
-    expected_s = still - 1.5 * gm / radius_m / C_M_S**2 * since_s - (place_s - place_s[0])
-    assert np.ptp(place_s) > 5e-7
+    periodic_s = np.einsum("ni,ni->n", v_m_s, orbiter_m - moon_m) / C_M_S**2
+    expected_s = at_rest - 1.5 * gm / radius_m / C_M_S**2 * elapsed_s - (periodic_s - periodic_s[0])
+    assert np.ptp(periodic_s) > 5e-7
     # Tides of the Earth and the Sun, 3e-16 of the time.
     assert np.abs(in_orbit - expected_s).max() < 2e-11
 
 
 @pytest.mark.parametrize(("kind", "count_s"), [("one_way_range", np.nan), ("one_way_doppler", 60.0)])
-def test_a_lander_written_as_a_trajectory_has_the_same_clock(model, tmp_path, kind, count_s):
+def test_lander_and_its_trajectory_have_the_same_clock(model, tmp_path, kind, count_s):
     table = one_way(epochs_tai(20, 30.0, start_fraction=0.01), kind, count_s=count_s)
     surface = model.without("lunar_tide", "lunar_scale", "lunar_lorentz")
     file = write_states(tmp_path / "lander.bsp", lander(model.libration, APOLLO15_PA_M), step_s=600.0)
-    there = Trajectory.open(file, ORBITER)
-    apart_m = values_m(model, table, NOWHERE, there) - values_m(surface, table)
+    trajectory = Trajectory.open(file, ORBITER)
+    difference_m = values_m(model, table, ORIGIN_M, trajectory) - values_m(surface, table)
     if kind == "one_way_range":
-        # The clock was set from the Earth when the Moon's centre had that time, or the lander had.
-        assert np.abs(apart_m).max() < 10.0
-        apart_m = apart_m - apart_m[0]
-        grown_m = np.linspace(apart_m[0], apart_m[-1], len(apart_m))
-        assert np.abs(apart_m - grown_m).max() < 1e-4
+        # The clocks are set at the time of the Moon's centre and of the lander, respectively.
+        assert np.abs(difference_m).max() < 10.0
+        difference_m = difference_m - difference_m[0]
+        linear_m = np.linspace(difference_m[0], difference_m[-1], len(difference_m))
+        assert np.abs(difference_m - linear_m).max() < 1e-4
     # Tide and rotation, which the lander's clock leaves out: 3.6e-16 of 30 hours at most.
-    assert np.abs(apart_m).max() < 0.012
+    assert np.abs(difference_m).max() < 0.012
     assert np.ptp(values_m(surface, table) - values_m(surface.without("target_proper_time"), table)) > 1e-3
 
 
-def test_a_transmission_is_tagged_by_the_targets_clock(model):
-    """Tagged by it or by the station that receives it, a signal has one time of flight between the two clocks."""
+def test_transmissions_are_tagged_by_the_clock_of_the_target(model):
+    """A signal has the same time of flight if tagged by the clock of the target or of the receiver."""
     sent = one_way(epochs_tai(8, 20.0, start_fraction=0.2), tag="transmit")
     flight_m = values_m(model, sent)
     received = one_way(utc_to_tai(sent.epoch).shifted(flight_m / C_M_S))
     assert np.abs(values_m(model, received) - flight_m).max() < SAME_M
-    # It is 24 microseconds from TT at the geocentre, in which the station comes nearer by up to 8 mm.
-    other = model.without("target_proper_time")
-    gained_m = flight_m - values_m(other, sent)
-    moved_m = gained_m - (values_m(model, received) - values_m(other, received))
+    # The clock differs from TT at the geocentre by 24 microseconds, in which the station moves by up to 8 mm.
+    without_clock = model.without("target_proper_time")
+    gained_m = flight_m - values_m(without_clock, sent)
+    moved_m = gained_m - (values_m(model, received) - values_m(without_clock, received))
     assert 0.005 < np.abs(moved_m).max() < 0.01
 
 
 def test_counts_need_no_trajectory_between_passes(model, tmp_path):
     spans = ((START_S, START_S + 2 * HOUR_S), (START_S + 20 * HOUR_S, START_S + 22 * HOUR_S))
     file = write_states(tmp_path / "gap.bsp", low_lunar_orbit(model.ephemeris), spans_s=spans)
-    gappy, whole = (
+    gappy, full = (
         Trajectory.open(path, ORBITER)
         for path in (file, write_states(tmp_path / "all.bsp", low_lunar_orbit(model.ephemeris)))
     )
     first = epochs_tai(5, 1.0, start_fraction=0.01)
     tai = Epochs.concatenate([first, first.shifted(20 * HOUR_S)])
     counts = one_way(tai, "one_way_doppler", count_s=60.0)
-    apart_m = values_m(model, counts, NOWHERE, gappy) - values_m(model, counts, NOWHERE, whole)
-    assert np.abs(apart_m).max() < SAME_M
+    difference_m = values_m(model, counts, ORIGIN_M, gappy) - values_m(model, counts, ORIGIN_M, full)
+    assert np.abs(difference_m).max() < SAME_M
     with pytest.raises(CoverageError, match="with gaps"):
-        values_m(model, one_way(tai), NOWHERE, gappy)
+        values_m(model, one_way(tai), ORIGIN_M, gappy)
 
 
-def test_the_clock_is_set_at_the_beginning_of_the_first_day(orbiter):
+def test_clock_is_set_at_the_start_of_the_first_day(orbiter):
     tai = epochs_tai(3, 30.0, start_fraction=0.6)
     [set_at] = tai_to_utc(tai[:1]).day_strings()
     assert clock_epoch(one_way(tai)).day_strings() == [set_at]
-    # 0h UTC of 2 December is 69 s into the trajectory; it begins when the one of the day before does.
+    # 0h UTC of 2 December is 69 s into the trajectory; the clock of the day before is set at its start.
     early = one_way(epochs_tai(3, 0.001, start_fraction=0.0005))
     assert clock_epoch(early, orbiter).seconds_since(Epochs.from_tdb_seconds(START_S)) == pytest.approx(
         69.183, abs=2e-3
@@ -135,11 +135,13 @@ def test_the_clock_is_set_at_the_beginning_of_the_first_day(orbiter):
 
 def test_interpolated_arcs_have_the_same_clock(model):
     table = one_way(epochs_tai(6001, 10.0, start_fraction=0.55))
-    exact, smooth = (prepare_predictor(model, table, APOLLO15, how) for how in ("exact", "interpolated"))
-    apart_m = smooth.at(APOLLO15).value_m - exact.at(APOLLO15).value_m
-    assert np.abs(apart_m).max() < 9e-5
-    # A part of an arc keeps the day that the clock was set on.
-    later = exact.select(slice(5000, None))
-    assert np.abs(later.at(APOLLO15).value_m - exact.at(APOLLO15).value_m[5000:]).max() == 0.0
-    again = later.with_model(model, APOLLO15)
-    assert np.abs(again.at(APOLLO15).value_m - later.at(APOLLO15).value_m).max() < SAME_M
+    exact, smooth = (
+        prepare_predictor(model, table, APOLLO15, evaluation) for evaluation in ("exact", "interpolated")
+    )
+    difference_m = smooth.at(APOLLO15).value_m - exact.at(APOLLO15).value_m
+    assert np.abs(difference_m).max() < 9e-5
+    # A selection keeps the epoch at which the clock was set.
+    selected = exact.select(slice(5000, None))
+    assert np.abs(selected.at(APOLLO15).value_m - exact.at(APOLLO15).value_m[5000:]).max() == 0.0
+    rebuilt = selected.with_model(model, APOLLO15)
+    assert np.abs(rebuilt.at(APOLLO15).value_m - selected.at(APOLLO15).value_m).max() < SAME_M

@@ -68,13 +68,13 @@ def frequency_hz(seconds):
 
 
 def cycles(first_s, last_s):
-    """Of the transmitted frequency beyond the reference, by quadrature."""
-    inside = [corner for corner in (95.5, 200.25) if first_s < corner < last_s]
-    return quad(lambda t: frequency_hz(t) - F0_HZ, first_s, last_s, points=inside or None, epsabs=1e-9)[0]
+    """Return the integral of transmitted less reference frequency, by quadrature."""
+    corners = [corner for corner in (95.5, 200.25) if first_s < corner < last_s]
+    return quad(lambda t: frequency_hz(t) - F0_HZ, first_s, last_s, points=corners or None, epsabs=1e-9)[0]
 
 
 @pytest.mark.parametrize("link", [TWO_WAY, THREE_WAY])
-def test_doppler_counts_the_cycles_sent_between_the_modelled_transmissions(model, link):
+def test_doppler_is_the_count_of_cycles_between_the_transmissions(model, link):
     seconds = np.array([0.0, 60.0, 120.0, 200.0, 300.0])
     plain = observations([link], ramped=False)
     growth_m = prepare_predictor(model, plain, LANDER).compute().value_m
@@ -93,7 +93,7 @@ def test_doppler_counts_the_cycles_sent_between_the_modelled_transmissions(model
     assert computed.usable.all()
 
 
-def test_a_range_counts_the_cycles_between_transmission_and_reception(model):
+def test_range_is_the_count_of_cycles_between_transmission_and_reception(model):
     plain = prepare_predictor(model, observations([TWO_WAY], RANGE, ramped=False), LANDER)
     length_m = plain.compute().value_m
     computed = prepare_predictor(model, observations([TWO_WAY], RANGE), LANDER).compute()
@@ -103,7 +103,7 @@ def test_a_range_counts_the_cycles_between_transmission_and_reception(model):
         assert computed.value_m[k] == pytest.approx(expected_m, abs=1e-6)
 
 
-def test_a_frequency_that_is_the_reference_changes_nothing(model):
+def test_constant_reference_frequency_has_no_effect(model):
     constant = ramps((-600.0, 100.0, F0_HZ, 0.0), (100.0, 900.0, F0_HZ, 0.0))
     values = [
         prepare_predictor(model, obs, LANDER).compute()
@@ -114,48 +114,48 @@ def test_a_frequency_that_is_the_reference_changes_nothing(model):
 
 
 @pytest.mark.parametrize("kind", [DOPPLER, RANGE])
-def test_partials_are_those_of_differences(model, kind):
+def test_partials_agree_with_differences(model, kind):
     predictor = ExactPredictor(model, observations([TWO_WAY], kind), LANDER)
-    here = predictor.compute()
-    # Partials leave out tides and how lengths on the Moon shrink, up to 5e-7; ramps scale them by up to 7e-6.
+    computed = predictor.compute()
+    # Partials leave out tides and the scale of lengths on the Moon, up to 5e-7; ramps scale them by up to 7e-6.
     for axis in np.eye(3):
         step_m = 50.0 * axis
         change_m = (
             predictor.at(FixedPoint(LANDER_PA_M + step_m)).value_m
             - predictor.at(FixedPoint(LANDER_PA_M - step_m)).value_m
         )
-        np.testing.assert_allclose(here.by_position_pa @ axis, change_m / 100.0, rtol=0.0, atol=6e-7)
+        np.testing.assert_allclose(computed.by_position_pa @ axis, change_m / 100.0, rtol=0.0, atol=6e-7)
     if kind == RANGE:
         plain = ExactPredictor(model, observations([TWO_WAY], kind, ramped=False), LANDER).at()
         scale = [frequency_hz(t - 2.6) / F0_HZ for t in (0.0, 60.0, 120.0, 200.0, 300.0)]
         expected = plain.by_position_pa * np.array(scale)[:, np.newaxis]
-        np.testing.assert_allclose(here.by_position_pa, expected, rtol=1e-9)
-    moved = [
+        np.testing.assert_allclose(computed.by_position_pa, expected, rtol=1e-9)
+    shifted = [
         ExactPredictor(
             model,
             dataclasses.replace(
-                predictor.observations, epoch=at(np.array([0.0, 60.0, 120.0, 200.0, 300.0]) + dt)
+                predictor.observations, epoch=at(np.array([0.0, 60.0, 120.0, 200.0, 300.0]) + shift_s)
             ),
             LANDER,
         ).at()
-        for dt in (-0.05, 0.05)
+        for shift_s in (-0.05, 0.05)
     ]
     # Media's delays change with the tag as well as the path.
     np.testing.assert_allclose(
-        (moved[1].value_m - moved[0].value_m) / 0.1, here.by_time_m_s, rtol=1e-6, atol=2e-5
+        (shifted[1].value_m - shifted[0].value_m) / 0.1, computed.by_time_m_s, rtol=1e-6, atol=2e-5
     )
 
 
-def test_what_was_sent_in_a_gap_or_beyond_the_ramps_is_rejected(model):
-    holed = ramps((-600.0, 40.0, F0_HZ, 0.0), (70.0, 280.0, F0_HZ, 0.0))
-    predictor = prepare_predictor(model, observations([TWO_WAY], of=holed), LANDER)
+def test_transmissions_in_a_gap_or_outside_the_ramps_are_unusable(model):
+    gappy = ramps((-600.0, 40.0, F0_HZ, 0.0), (70.0, 280.0, F0_HZ, 0.0))
+    predictor = prepare_predictor(model, observations([TWO_WAY], of=gappy), LANDER)
     assert predictor.compute().usable.tolist() == [True, False, True, True, False]
-    other = dataclasses.replace(holed, stations=("JIAMUSI",))
-    predictor = prepare_predictor(model, observations([TWO_WAY], of=other), LANDER)
+    of_other_station = dataclasses.replace(gappy, stations=("JIAMUSI",))
+    predictor = prepare_predictor(model, observations([TWO_WAY], of=of_other_station), LANDER)
     assert not predictor.compute().usable.any()
 
 
-def test_tables_that_overlap_are_joined_and_contradictions_are_named():
+def test_overlapping_tables_are_joined_and_contradictions_are_named():
     halves = [ramps((0.0, 100.0, F0_HZ, 1.0)), ramps((60.0, 300.0, F0_HZ + 60.0, 1.0))]
     joined = Ramps.concatenate(halves)
     assert (len(joined), joined.duration_s.tolist()) == (1, [pytest.approx(300.0)])
@@ -165,29 +165,29 @@ def test_tables_that_overlap_are_joined_and_contradictions_are_named():
         ramps((0.0, -1.0, F0_HZ, 0.0))
 
 
-def test_starts_come_back_without_picoseconds():
-    """Of two thousand instants some were 2 ps off, there and back between UTC and TAI; one day has a leap second."""
+def test_epochs_in_utc_are_rounded_to_microseconds():
+    """Conversion between UTC and TAI keeps full microseconds, also on a day with a leap second."""
     microseconds = np.random.default_rng(1).integers(0, 86400 * 10**6, 2000)
     start, stop = (
         Epochs.from_jd(np.full(2000, jd), microseconds / (1e6 * length_s), "UTC")
         for jd, length_s in ((2457753.5, 86401), (2457754.5, 86400))
     )
-    many = Ramps.of([f"S{k}" for k in range(2000)], start, stop, np.full(2000, 2e9), np.zeros(2000))
-    for utc in (many.start_utc, many.stop_utc):
+    written = Ramps.of([f"S{k}" for k in range(2000)], start, stop, np.full(2000, 2e9), np.zeros(2000))
+    for utc in (written.start_utc, written.stop_utc):
         assert {text[-6:] for text in utc_to_text(utc)} == {"000000"}
 
 
 def test_observations_keep_their_ramps_and_need_a_reference_frequency():
-    both = Observations.concatenate([observations([TWO_WAY]), observations([TWO_WAY], seconds=[600.0])])
-    assert len(both.ramps) == 3
-    assert both[:2].ramps is both.ramps
-    assert both.ramped.all()
+    joined = Observations.concatenate([observations([TWO_WAY]), observations([TWO_WAY], seconds=[600.0])])
+    assert len(joined.ramps) == 3
+    assert joined[:2].ramps is joined.ramps
+    assert joined.ramped.all()
     with pytest.raises(InputError, match="ramped: expected a reference"):
         Observations.from_columns(
             epoch=START,
             links=[TWO_WAY],
             kind=DOPPLER,
-            tag=1,
+            tag="receive",
             value_m=1.0,
             sigma_m=1.0,
             count_s=1.0,
@@ -197,7 +197,7 @@ def test_observations_keep_their_ramps_and_need_a_reference_frequency():
         observations([THREE_WAY], RANGE)
 
 
-def test_ramps_and_observations_come_back_from_their_tables(tmp_path, model):
+def test_round_trip_of_ramps_and_observations(tmp_path, model):
     from radioloc.io import write_table
 
     original = observations([TWO_WAY])
@@ -221,7 +221,7 @@ def test_ramps_and_observations_come_back_from_their_tables(tmp_path, model):
         ("KASHI,2024-05-02T06:00:00,2024-05-02T05:10:00,7.2e9,0", "end after the start"),
     ],
 )
-def test_a_damaged_table_of_ramps_is_one_error(tmp_path, line, message):
+def test_damaged_table_of_ramps(tmp_path, line, message):
     path = tmp_path / "ramps.csv"
     path.write_text(f"station,start_utc,stop_utc,frequency_hz,rate_hz_s\n{line}\n")
     with pytest.raises(FileFormatError, match=message):

@@ -16,7 +16,7 @@ from radioloc.time import Epochs, epochs_from_strings
 
 RANGES_M = 789105214.865138 - 39867.727 * np.arange(12.0) + 3.1 * np.arange(12.0) ** 2
 DATES = [f"2020-12-01T15:{minute:02d}:00" for minute in range(11, 23)]
-SAME = {"type": "range", "path": "KASHI>lander>KASHI", "time_tag": "receive"}
+METADATA = {"type": "range", "path": "KASHI>lander>KASHI", "time_tag": "receive"}
 LINK = [Link("KASHI", "lander", "KASHI")]
 
 
@@ -29,22 +29,22 @@ def columns(**changed):
 
 
 def from_parquet(frame, folder):
-    frame.assign(**SAME).to_parquet(folder / "ranges.parquet")
+    frame.assign(**METADATA).to_parquet(folder / "ranges.parquet")
     return read_observations(folder / "ranges.parquet")
 
 
 def from_csv(frame, folder):
-    frame.assign(**SAME).to_csv(folder / "ranges.csv", index=False)
+    frame.assign(**METADATA).to_csv(folder / "ranges.csv", index=False)
     return read_observations(folder / "ranges.csv")
 
 
 ENTRANCES = {
-    "NumPy": lambda table, _: Observations.from_table(table, **SAME),
+    "NumPy": lambda table, _: Observations.from_table(table, **METADATA),
     "a list": lambda table, _: Observations.from_table(
-        {name: list(column) for name, column in table.items()}, **SAME),
-    "pandas": lambda table, _: Observations.from_table(pandas.DataFrame(table), **SAME),
-    "polars": lambda table, _: Observations.from_table(polars.DataFrame(table), **SAME),
-    "Arrow": lambda table, _: Observations.from_table(pyarrow.table(table), **SAME),
+        {name: list(column) for name, column in table.items()}, **METADATA),
+    "pandas": lambda table, _: Observations.from_table(pandas.DataFrame(table), **METADATA),
+    "polars": lambda table, _: Observations.from_table(polars.DataFrame(table), **METADATA),
+    "Arrow": lambda table, _: Observations.from_table(pyarrow.table(table), **METADATA),
     "Parquet": lambda table, folder: from_parquet(pandas.DataFrame(table), folder),
 }  # fmt: skip
 
@@ -77,15 +77,16 @@ def test_moduli_and_reference_frequencies_in_single_precision():
     modulus_m = C_M_S / 1.0e6
     ambiguous = {"observed_m": np.full(12, 201.3), "modulus_m": single(np.full(12, modulus_m))}
     with pytest.raises(InputError, match="double precision"):
-        Observations.from_table(columns(**ambiguous, sigma_m=np.full(12, 1e-6)), **SAME)
+        Observations.from_table(columns(**ambiguous, sigma_m=np.full(12, 1e-6)), **METADATA)
     counted = {"count_s": np.full(12, 60.0), "ramped": np.ones(12), "wavelength_um": np.full(12, 35394.6)}
     doppler = columns(
         observed_m=2.0e4 + RANGES_M / 1e5, uplink_hz=single(np.full(12, 7.2e9 + 37.0)), **counted
     )
     with pytest.raises(InputError, match="double precision"):
-        Observations.from_table(doppler, **SAME | {"type": "doppler"})
+        Observations.from_table(doppler, **METADATA | {"type": "doppler"})
     assert (
-        len(Observations.from_table(doppler | {"ramped": np.zeros(12)}, **SAME | {"type": "doppler"})) == 12
+        len(Observations.from_table(doppler | {"ramped": np.zeros(12)}, **METADATA | {"type": "doppler"}))
+        == 12
     )
 
 
@@ -118,18 +119,18 @@ def test_doppler_in_single_precision_is_sufficient():
     doppler = columns(
         observed_m=single(RANGES_M / 4e4), count_s=np.full(12, 60.0), sigma_m=np.full(12, 0.006)
     )
-    assert len(Observations.from_table(doppler, **SAME | {"type": "doppler"})) == 12
+    assert len(Observations.from_table(doppler, **METADATA | {"type": "doppler"})) == 12
 
 
 def test_epochs_of_one_number_with_rounding_above_sigma():
     mjd = 59184.0 + (15.0 + np.arange(12) * 7.3 / 60.0) / 24.0
     assert epoch_step_s(Epochs.from_jd(2400000.5, mjd, "UTC").fraction) == 0.0
     with pytest.raises(InputError, match=r"steps of 3e\+02 s"):
-        Observations.from_table(columns(epoch_utc=Time(single(mjd), format="mjd")), **SAME)
+        Observations.from_table(columns(epoch_utc=Time(single(mjd), format="mjd")), **METADATA)
     julian = Time(mjd + 2400000.5, format="jd")
-    assert len(Observations.from_table(columns(epoch_utc=julian), **SAME)) == 12
+    assert len(Observations.from_table(columns(epoch_utc=julian), **METADATA)) == 12
     with pytest.raises(InputError, match=r"steps of 4e-05 s"):
-        Observations.from_table(columns(epoch_utc=julian, sigma_m=np.full(12, 0.005)), **SAME)
+        Observations.from_table(columns(epoch_utc=julian, sigma_m=np.full(12, 0.005)), **METADATA)
     with pytest.raises(InputError, match="single precision"):
         Epochs.from_jd(single(mjd) + single(2400000.5), 0.0, "TDB")
 

@@ -52,7 +52,7 @@ def test_a_small_declination_keeps_its_sign(tmp_path):
         ("source,right_ascension_deg,declination_deg\n", "expected sources"),
     ],
 )
-def test_what_is_no_list(tmp_path, text, message):
+def test_invalid_tables_of_sources(tmp_path, text, message):
     with pytest.raises(FileFormatError, match=message):
         read_sources(written(tmp_path, text))
 
@@ -81,23 +81,23 @@ def _direction(name):
 def test_elevation_is_that_of_astropy():
     arc = arc_of("SESHAN25<1741-038>KASHI")
     for end, name in enumerate(("SESHAN25", "KASHI")):
-        where = EarthLocation.from_geocentric(*arc.model.catalogue[name].itrf_m, unit="m")
-        frame = AltAz(obstime=TAI.to_time(), location=where)
+        location = EarthLocation.from_geocentric(*arc.model.catalogue[name].itrf_m, unit="m")
+        frame = AltAz(obstime=TAI.to_time(), location=location)
         expected_rad = SkyCoord(265.9952338, -3.8346158, unit="deg").transform_to(frame).alt.rad
         # Diurnal aberration, 0.3 arcseconds, is not in the model's elevations.
         assert np.abs(arc.compute().elevation_rad[:, end] - expected_rad).max() < 2e-6
-    # Where it is below a horizon the delay is not used.
+    # Delays with the source below the horizon are unusable.
     computed = arc.compute()
     assert (computed.usable == (computed.elevation_rad > 0.0).all(axis=1)).all()
     assert 0 < computed.usable.sum() < len(TAI)
 
 
-def test_only_delays_are_of_sources():
+def test_ranges_to_sources_are_refused():
     with pytest.raises(InputError, match="KASHI>1741-038>KASHI"):
         arc_of("KASHI>1741-038>KASHI", "range")
 
 
-def test_no_position_on_the_moon_is_in_it():
+def test_partials_by_position_are_zero():
     computed = arc_of("SESHAN25<1741-038>KASHI").compute()
     assert not computed.by_position_pa.any()
 
@@ -108,10 +108,11 @@ def test_dense_delays_of_a_source_and_a_lander_are_interpolated():
     paths = (f"SESHAN25<{target}>KUNMING" for target in ("1741-038", "lander"))
     table = Observations.concatenate([observations(path, tai, "receive", "vlbi_delay") for path in paths])
     exact, smooth = (
-        prepare_predictor(model, table, FixedPoint(SITE_M), how) for how in ("exact", "interpolated")
+        prepare_predictor(model, table, FixedPoint(SITE_M), evaluation)
+        for evaluation in ("exact", "interpolated")
     )
     assert smooth.accuracy.interpolated > 5000
-    # 0.3 ps, to which the interpolation is held.
+    # The stated error of interpolation, 0.3 ps.
     assert np.abs(smooth.at().value_m - exact.at().value_m).max() < 9e-5
     part = smooth.select(np.arange(2000, 4000))
     assert np.array_equal(part.at().value_m, smooth.at().value_m[2000:4000])

@@ -33,11 +33,13 @@ def test_rate_is_the_potential_below_that_of_the_geoid(latitude_deg, height_m):
     """The potential of GRS80 by its harmonics (Moritz 2000, J. Geod. 74, 128), in place of gravity and height."""
     place_m = itrf_from_geodetic(1.0, np.radians(latitude_deg), height_m)
     radius_m = np.linalg.norm(place_m)
-    sine, over = place_m[2] / radius_m, 6378137.0 / radius_m
+    sine, radius_ratio = place_m[2] / radius_m, 6378137.0 / radius_m
     zonal = {2: 1.08263e-3, 4: -2.37091222e-6, 6: 6.08347e-9}
-    oblate = 1.0 - sum(j * over**n * np.polynomial.Legendre.basis(n)(sine) for n, j in zonal.items())
+    zonal_sum = 1.0 - sum(
+        j * radius_ratio**n * np.polynomial.Legendre.basis(n)(sine) for n, j in zonal.items()
+    )
     spin_m2_s2 = 0.5 * (7.292115e-5 * np.hypot(*place_m[:2])) ** 2
-    potential_m2_s2 = 3.986005e14 / radius_m * oblate + spin_m2_s2
+    potential_m2_s2 = 3.986005e14 / radius_m * zonal_sum + spin_m2_s2
     station = dataclasses.replace(StationCatalogue.default()["KASHI"], itrf_m=place_m)
     # On GRS80's ellipsoid it is 62636860.850 m^2/s^2.
     expected = (62636860.850 - potential_m2_s2) / C_M_S**2
@@ -58,16 +60,16 @@ CASES = {
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_it_is_a_clock_rate_that_is_known(model, case):
-    """What the term adds is what the parameter would, whose partials know nothing of it."""
+def test_term_equals_a_clock_rate(model, case):
+    """The term has the effect of a clock rate, as given by the partials of the parameter."""
     kind, path, tag = CASES[case]
     count_s = COUNT_S if kind.endswith(("doppler", "rate")) else np.nan
     table = observations(path, TAI, tag, kind=kind, count_s=count_s)
     steered = model.without("station_proper_time")
     arc = ExactPredictor(steered, table, APOLLO15)
-    at = arc.at()
-    added_m = ExactPredictor(model, table, APOLLO15).at().value_m - at.value_m
-    rows = ObservationRows(arc, reference=utc_to_tai(Epochs.from_jd(2459185.5, 0.0, "UTC")), at=at)
+    evaluation = arc.at()
+    added_m = ExactPredictor(model, table, APOLLO15).at().value_m - evaluation.value_m
+    rows = ObservationRows(arc, reference=utc_to_tai(Epochs.from_jd(2459185.5, 0.0, "UTC")), at=evaluation)
     by_rate = PARAMETERS["clock_rate"].partials(rows)[..., 0]
     expected_m = (by_rate * (rows.ends == arc.stations.index("KASHI"))).sum(axis=1) * station_rate(
         model.catalogue["KASHI"]

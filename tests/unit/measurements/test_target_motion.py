@@ -1,4 +1,4 @@
-"""Several targets of any kind in one arc, and what predictors take as their motions."""
+"""Several targets of different kinds in one arc, and the motions that predictors accept."""
 
 import numpy as np
 import pytest
@@ -21,7 +21,7 @@ from radioloc.measurements import (
 )
 from radioloc.time.scales import tdb_to_tt, tt_to_tai
 
-SAME_M = 1e-9  # rows of an arc are computed by themselves
+SAME_M = 1e-9  # rows of an arc are independent
 TAI = tt_to_tai(tdb_to_tt(EPOCH.shifted(np.arange(1200.0, 4800.0, 300.0))))
 LANDER = APOLLO15
 STEPS = np.array([30.0, 30.0, 30.0, 0.03, 0.03, 0.03])
@@ -42,8 +42,8 @@ def model():
 @pytest.fixture(scope="module")
 def table():
     parts = [
-        observations(path.format(name), TAI, tag, kind, wavelength_um=3.6e4, **more)
-        for path, tag, kind, more in CASES
+        observations(path.format(name), TAI, tag, kind, wavelength_um=3.6e4, **columns)
+        for path, tag, kind, columns in CASES
         for name in ("lander", "craft")
     ]
     mixed = Observations.concatenate(parts)
@@ -61,47 +61,47 @@ def is_craft(table):
     return np.array([link.target == "craft" for link in table.links])[table.link]
 
 
-def together(model, table, motions):
+def joint_arc(model, table, motions):
     return ExactPredictor(model, table, motions, targets=("lander", "craft"), more_partials=True)
 
 
-def assert_rows_are_those_of_arcs_apart(model, table, is_craft, motions):
-    computed = together(model, table, motions).compute()
+def assert_rows_equal_separate_arcs(model, table, is_craft, motions):
+    computed = joint_arc(model, table, motions).compute()
     begin = 0
-    for motion, mine in zip(motions, (~is_craft, is_craft), strict=True):
-        apart = ExactPredictor(model, table.select(mine), motion, more_partials=True).compute()
+    for motion, rows in zip(motions, (~is_craft, is_craft), strict=True):
+        separate = ExactPredictor(model, table.select(rows), motion, more_partials=True).compute()
         for name in ("value_m", "by_position_pa", "by_time_m_s", "elevation_rad", "by_station_itrf"):
             np.testing.assert_allclose(
-                getattr(computed, name)[mine], getattr(apart, name), rtol=1e-13, atol=SAME_M
+                getattr(computed, name)[rows], getattr(separate, name), rtol=1e-13, atol=SAME_M
             )
-        np.testing.assert_array_equal(computed.status[mine], apart.status)
-        end = begin + apart.by_motion.shape[1]
+        np.testing.assert_array_equal(computed.status[rows], separate.status)
+        end = begin + separate.by_motion.shape[1]
         np.testing.assert_allclose(
-            computed.by_motion[mine, begin:end], apart.by_motion, rtol=1e-12, atol=SAME_M
+            computed.by_motion[rows, begin:end], separate.by_motion, rtol=1e-12, atol=SAME_M
         )
-        assert not computed.by_motion[~mine, begin:end].any()
+        assert not computed.by_motion[~rows, begin:end].any()
         begin = end
     assert begin == computed.by_motion.shape[1]
 
 
-@pytest.mark.parametrize("known", [False, True], ids=["orbit", "trajectory"])
-def test_a_lander_and_an_orbiter_in_one_arc_are_as_in_two(model, table, orbit, is_craft, known):
-    motion = TrajectoryMotion(orbit.nearest()) if known else OrbitMotion(orbit)
-    assert_rows_are_those_of_arcs_apart(model, table, is_craft, (LANDER, motion))
+@pytest.mark.parametrize("fixed", [False, True], ids=["orbit", "trajectory"])
+def test_joint_arc_of_lander_and_orbiter_equals_separate_arcs(model, table, orbit, is_craft, fixed):
+    motion = TrajectoryMotion(orbit.nearest()) if fixed else OrbitMotion(orbit)
+    assert_rows_equal_separate_arcs(model, table, is_craft, (LANDER, motion))
 
 
-def test_parts_of_an_arc_of_two_kinds_are_as_in_two(model, table, orbit, is_craft):
-    arc = together(model, table, (LANDER, orbit))
+def test_selected_rows_of_a_joint_arc(model, table, orbit, is_craft):
+    arc = joint_arc(model, table, (LANDER, orbit))
     rows = np.arange(5, 60)
-    whole, part = arc.compute(), arc.select(rows).compute()
-    np.testing.assert_allclose(part.value_m, whole.value_m[rows], rtol=0.0, atol=1e-6)
-    alone = arc.select(~is_craft)
-    np.testing.assert_array_equal(alone.compute().value_m, whole.value_m[~is_craft])
-    assert alone.compute().by_motion.shape[1] == 9
+    full, part = arc.compute(), arc.select(rows).compute()
+    np.testing.assert_allclose(part.value_m, full.value_m[rows], rtol=0.0, atol=1e-6)
+    lander_arc = arc.select(~is_craft)
+    np.testing.assert_array_equal(lander_arc.compute().value_m, full.value_m[~is_craft])
+    assert lander_arc.compute().by_motion.shape[1] == 9
 
 
-def test_partials_by_the_motions_of_two_kinds_are_those_of_differences(model, table, orbit):
-    arc = together(model, table, (LANDER, orbit))
+def test_partials_of_both_motions_agree_with_differences(model, table, orbit):
+    arc = joint_arc(model, table, (LANDER, orbit))
     by_motion = arc.compute().by_motion
     for k in range(9):
         changed_m = []
@@ -119,12 +119,12 @@ def test_partials_by_the_motions_of_two_kinds_are_those_of_differences(model, ta
 
 
 def test_terms_of_a_lander_are_in_an_arc_with_an_orbiter(model, table, orbit, is_craft):
-    terms = together(model, table, (LANDER, orbit.nearest())).terms()
+    terms = joint_arc(model, table, (LANDER, orbit.nearest())).terms()
     assert np.abs(terms["lunar_scale"][~is_craft]).max() > 1e-3
     assert np.abs(terms["lunar_scale"][is_craft]).max() < 1e-6
 
 
-def test_partials_of_one_point_are_those_by_its_position_without_a_copy(model, table, is_craft):
+def test_partials_of_a_single_point_share_memory_with_those_of_its_position(model, table, is_craft):
     computed = ExactPredictor(model, table.select(~is_craft), LANDER).compute()
     assert computed.by_motion is computed.by_position_pa
     part = computed.rows([1, 2])
@@ -136,33 +136,35 @@ def test_interpolated_partials_of_two_points_are_in_their_own_columns():
     parts = [observations(f"GRASSE>{name}>GRASSE", tai, "transmit", **LASER) for name in ("a", "b")]
     points = [APOLLO15, FixedPoint(REFLECTORS_PA_M["luna17"])]
     arcs = [
-        prepare_predictor(PhysicalModel.build(), Observations.concatenate(parts), points, how, ("a", "b"))
-        for how in ("interpolated", "exact")
+        prepare_predictor(
+            PhysicalModel.build(), Observations.concatenate(parts), points, evaluation, ("a", "b")
+        )
+        for evaluation in ("interpolated", "exact")
     ]
-    smooth, exact = (arc.compute().by_motion for arc in arcs)
-    assert smooth.shape == (1200, 6)
-    np.testing.assert_allclose(smooth, exact, rtol=0.0, atol=2e-9)
-    assert not smooth[:600, 3:].any()
-    assert not smooth[600:, :3].any()
+    interpolated, exact = (arc.compute().by_motion for arc in arcs)
+    assert interpolated.shape == (1200, 6)
+    np.testing.assert_allclose(interpolated, exact, rtol=0.0, atol=2e-9)
+    assert not interpolated[:600, 3:].any()
+    assert not interpolated[600:, :3].any()
 
 
-def test_a_position_in_other_axes_stands_for_a_point(model, table, is_craft):
+def test_position_in_mean_earth_axes_is_accepted(model, table, is_craft):
     constants = model.ephemeris.constants
     position = LunarPosition(f"PA_{constants.name}", APOLLO15_PA_M).to_axes("ME", constants)
     arc = ExactPredictor(model, table.select(~is_craft), position)
     np.testing.assert_allclose(arc.motions[0].position_pa_m, APOLLO15_PA_M, rtol=0.0, atol=1e-8)
 
 
-@pytest.mark.parametrize("given", [APOLLO15_PA_M, APOLLO15_PA_M[None], [1.0, 2.0, 3.0]])
-def test_an_array_is_refused_as_it_does_not_state_what_it_is(model, table, is_craft, given):
+@pytest.mark.parametrize("motions", [APOLLO15_PA_M, APOLLO15_PA_M[None], [1.0, 2.0, 3.0]])
+def test_arrays_are_refused_as_motions(model, table, is_craft, motions):
     with pytest.raises(InputError, match=r"FixedPoint\(position_pa_m\)|expected 1"):
-        ExactPredictor(model, table.select(~is_craft), given)
+        ExactPredictor(model, table.select(~is_craft), motions)
     with pytest.raises(InputError, match=r"FixedPoint\(position_pa_m\)|expected 1"):
-        ExactPredictor(model, table.select(~is_craft), LANDER).at(given)
+        ExactPredictor(model, table.select(~is_craft), LANDER).at(motions)
 
 
-def test_motions_are_one_for_each_target_and_of_the_kind_that_was_prepared(model, table, orbit):
-    arc = together(model, table, (LANDER, orbit))
+def test_number_and_kinds_of_motions_are_those_of_the_targets(model, table, orbit):
+    arc = joint_arc(model, table, (LANDER, orbit))
     with pytest.raises(InputError, match="expected 2, one for each target"):
         arc.at(LANDER)
     with pytest.raises(InputError, match="in the order"):
@@ -170,6 +172,6 @@ def test_motions_are_one_for_each_target_and_of_the_kind_that_was_prepared(model
 
 
 @pytest.mark.parametrize("position_pa_m", [[1.0, 2.0], [np.nan, 0.0, 0.0], np.zeros((2, 3))])
-def test_a_point_has_three_finite_coordinates(position_pa_m):
+def test_invalid_coordinates_of_a_point(position_pa_m):
     with pytest.raises(InputError, match="three finite coordinates"):
         FixedPoint(position_pa_m)

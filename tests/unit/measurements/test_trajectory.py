@@ -1,4 +1,4 @@
-"""A spacecraft as the target: the same code as for a lander, and what is different about it."""
+"""Predictions for a spacecraft as the target."""
 
 import dataclasses
 
@@ -59,7 +59,7 @@ def orbiter(model, folder):
         ("KASHI>x>JIAMUSI", "receive", "doppler"),
     ],
 )
-def test_a_lander_written_as_a_trajectory_is_where_it_was(model, tmp_path, path, tag, kind):
+def test_lander_written_as_a_trajectory_gives_the_same_ranges(model, tmp_path, path, tag, kind):
     table = tracking(path, epochs_tai(20, 30.0), tag, kind)
     surface = model.without("lunar_tide", "lunar_scale", "lunar_lorentz")
     fixed = ExactPredictor(surface, table, APOLLO15).compute()
@@ -73,22 +73,22 @@ def test_a_lander_written_as_a_trajectory_is_where_it_was(model, tmp_path, path,
     assert (moving.status == fixed.status).all()
 
 
-def test_a_lander_in_axes_of_the_moon_is_where_it_was(model, tmp_path):
-    """As `radioloc export` writes it."""
+def test_exported_lander_kernel_gives_the_same_ranges(model, tmp_path):
+    """Ranges to the kernel written by `radioloc export` equal those to the fixed point."""
     table = tracking("KASHI>x>JIAMUSI", epochs_tai(20, 30.0), "bounce")
     surface = model.without("lunar_tide", "lunar_scale", "lunar_lorentz")
     position = recorded()
     pa_m = np.array([position["position"]["pa"][f"{axis}_m"] for axis in "xyz"])
     file, _ = write_spice(tmp_path / "lander.bsp", position)
-    still = Trajectory.open(file, 301001)
-    moving = ExactPredictor(model, table, still).compute()
+    trajectory = Trajectory.open(file, 301001)
+    computed = ExactPredictor(model, table, trajectory).compute()
     assert (
-        np.abs(moving.value_m - ExactPredictor(surface, table, FixedPoint(pa_m)).compute().value_m).max()
+        np.abs(computed.value_m - ExactPredictor(surface, table, FixedPoint(pa_m)).compute().value_m).max()
         < SAME_M
     )
 
 
-def test_partials_are_with_respect_to_an_offset_from_the_trajectory(model, orbiter):
+def test_partials_by_an_offset_from_the_trajectory(model, orbiter):
     arc = ExactPredictor(model, tracking("KASHI>x>JIAMUSI", epochs_tai(60, 30.0)), orbiter)
     partials = arc.compute().by_position_pa
     for axis, step_m in enumerate(100.0 * np.eye(3)):
@@ -99,7 +99,7 @@ def test_partials_are_with_respect_to_an_offset_from_the_trajectory(model, orbit
         assert np.abs(difference - partials[:, axis]).max() < PARTIAL
 
 
-def test_the_partial_by_the_time_tag_is_the_range_rate(model, orbiter):
+def test_partial_by_the_time_tag_is_the_range_rate(model, orbiter):
     tai, step_s = epochs_tai(60, 30.0), 0.05
     early, middle, late = (
         ExactPredictor(model, tracking("KASHI>x>KASHI", tai.shifted(s)), orbiter).compute()
@@ -119,19 +119,19 @@ def test_parts_of_an_arc_and_its_terms(model, orbiter):
     assert (np.abs(terms["shapiro"]) > 10.0).all()
 
 
-def test_behind_the_moon_and_below_the_horizon_are_told(model, orbiter):
+def test_reasons_name_the_moon_and_the_horizon(model, orbiter):
     table = tracking("KASHI>x>JIAMUSI", epochs_tai(300, 20.0))
     predictor = ExactPredictor(model, table, orbiter)
     problem = reasons(predictor, predictor.compute())[1]
     hidden = np.char.startswith(problem, "behind the Moon as seen from KASHI")
-    below = np.char.startswith(problem, "below the horizon")
-    assert (hidden | below | (problem == "")).all()
-    # Of an orbit 100 km high 71 of 180 degrees are behind the Moon where the Earth is in its plane; the time above the
-    # horizon begins and ends with such a part.
-    assert 0.3 < hidden.sum() / (~below).sum() < 0.5
+    below_horizon = np.char.startswith(problem, "below the horizon")
+    assert (hidden | below_horizon | (problem == "")).all()
+    # With the Earth in the plane of an orbit at 100 km, 71 of 180 degrees are behind the Moon; the time above the
+    # horizon begins and ends with a hidden part.
+    assert 0.3 < hidden.sum() / (~below_horizon).sum() < 0.5
 
 
-def test_outside_the_trajectory_is_an_error_that_names_file_and_span(model, folder, orbiter):
+def test_epochs_outside_the_trajectory_name_file_and_span(model, folder, orbiter):
     late = tracking("KASHI>x>KASHI", epochs_tai(3, 60.0))
     with pytest.raises(CoverageError, match=r"orbiter\.bsp \(.* -85\) covers 2020-12-02 to 2020-12-03T12"):
         ExactPredictor(model, late, orbiter)
@@ -142,13 +142,13 @@ def test_outside_the_trajectory_is_an_error_that_names_file_and_span(model, fold
         ExactPredictor(model, in_gap, Trajectory.open(file, ORBITER))
 
 
-def test_a_trajectory_is_never_interpolated(model, orbiter):
+def test_predictions_of_a_trajectory_are_never_interpolated(model, orbiter):
     table = tracking("KASHI>x>KASHI", epochs_tai(3, 30.0))
     with pytest.raises(InputError, match="for a spacecraft"):
         prepare_predictor(model, table, orbiter, "interpolated")
 
 
-def test_too_far_for_the_light_path(model, folder):
+def test_distances_beyond_the_light_path(model, folder):
     states = circular(3.0e10, model.ephemeris.constants.gm_earth_m3_s2)
     file = write_states(folder / "far.bsp", states, center=399, step_s=3600.0)
     table = tracking("KASHI>x>KASHI", epochs_tai(2, 1.0))
@@ -156,16 +156,16 @@ def test_too_far_for_the_light_path(model, folder):
         ExactPredictor(model, table, Trajectory.open(file, ORBITER))
 
 
-def test_a_transponder_in_orbit_moves_on_while_it_keeps_the_signal(model, orbiter):
-    """1 ms, a thousand times a real one, in which the orbiter goes 1.6 m: the partial holds what it does."""
+def test_orbiter_moves_during_the_transponder_delay(model, orbiter):
+    """The partial by the transponder delay includes the motion of the orbiter, 1.6 m in a delay of 1 ms."""
     table = tracking("KASHI>x>JIAMUSI", epochs_tai(60, 30.0))
     hold_s = 1e-3
-    # The partial leaves out how TDB - TT grows meanwhile, 4e-10 of the 300 km.
+    # The partial leaves out the change of TDB - TT during the delay, 4e-10 of 300 km.
     model = model.without("tdb_tt")
     plain = ExactPredictor(model, table, orbiter).compute()
-    slow = dataclasses.replace(model, delays=EquipmentDelays(transponder_s=hold_s))
-    longer = ExactPredictor(slow, table, orbiter).compute()
-    added_m = longer.value_m - plain.value_m
+    delayed_model = dataclasses.replace(model, delays=EquipmentDelays(transponder_s=hold_s))
+    delayed = ExactPredictor(delayed_model, table, orbiter).compute()
+    added_m = delayed.value_m - plain.value_m
     assert np.abs(added_m - C_M_S * hold_s).max() > 1.0
-    # Of the second order: the acceleration of both ends over 1 ms, 1e-6 m each, and media and gravity a little later.
+    # Second order: the acceleration of both ends over 1 ms, 1e-6 m each, and the change of media and gravity.
     assert np.abs(added_m - plain.by_transponder_delay_m_s * hold_s).max() < 1e-5

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from radioloc.errors import InputError
 from radioloc.imaging.distortion import Distortion
 from radioloc.quantities import accepts_quantities, convert_fields
+from radioloc.units import set_fields
 from radioloc.vectors import Floats
 
 
@@ -58,7 +59,7 @@ class Camera:
             raise InputError(f"pixel_per_mm: expected an invertible (2, 2) matrix, got {matrix.tolist()}")
         for name, value in (("pixel_per_mm", matrix), ("principal_point_px", point)):
             value.flags.writeable = False
-            object.__setattr__(self, name, value)
+            set_fields(self, **{name: value})
 
     @classmethod
     @accepts_quantities

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.errors import InputError
+from radioloc.units import set_fields
 from radioloc.vectors import Floats
 
 Formula = Callable[[Floats, tuple[float, ...]], tuple[Floats, Floats]]
@@ -78,8 +79,7 @@ class Distortion:
                 f"distortion {kind!r}: expected {count} finite numbers, {KINDS[kind].description}; got "
                 f"{coefficients!r:.60}"
             )
-        object.__setattr__(self, "kind", kind)
-        object.__setattr__(self, "coefficients", values + (0.0,) * (high - len(values)))
+        set_fields(self, kind=kind, coefficients=values + (0.0,) * (high - len(values)))
 
     @property
     def definition(self) -> DistortionKind:

@@ -14,6 +14,7 @@ import numpy as np
 from radioloc.errors import InputError
 from radioloc.imaging.cameras import as_points, as_vector
 from radioloc.quantities import convert_fields
+from radioloc.units import set_fields
 from radioloc.vectors import Floats
 
 if TYPE_CHECKING:
@@ -39,11 +40,11 @@ class ConstantOrientation:
     rot_camera_to_moon: Floats
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "position_m", as_vector(self.position_m, 3, "position_m"))
+        set_fields(self, position_m=as_vector(self.position_m, 3, "position_m"))
         rotation = np.array(self.rot_camera_to_moon, dtype=np.float64)
         if rotation.shape != (3, 3) or not np.allclose(rotation @ rotation.T, np.eye(3), rtol=0.0, atol=1e-6):
             raise InputError("rot_camera_to_moon: expected a rotation matrix, shape (3, 3)")
-        object.__setattr__(self, "rot_camera_to_moon", rotation)
+        set_fields(self, rot_camera_to_moon=rotation)
 
     @property
     def span_s(self) -> tuple[float, float]:
@@ -100,23 +101,23 @@ class TabulatedOrientation:
                 )
             deviation_s = np.abs(times - np.linspace(times[0], times[-1], len(times))).max()
             even.append(bool(deviation_s <= max(_EVEN_STEP_TOLERANCE * steps.mean(), _EPOCH_ROUNDING_S)))
-            object.__setattr__(self, times_name, times)
-            object.__setattr__(self, values_name, values)
+            set_fields(self, **{times_name: times})
+            set_fields(self, **{values_name: values})
         norms = np.linalg.norm(self.quaternions, axis=1)
         if (np.abs(norms - 1.0) > 1e-3).any():
             raise InputError("quaternions: expected unit length")
         # A rotation has two quaternions of opposite sign; neighbours need the same sign for interpolation.
         turns = np.cumsum(np.sum(self.quaternions[1:] * self.quaternions[:-1], axis=1) < 0.0) % 2
         signs = np.concatenate([[1.0], 1.0 - 2.0 * turns])
-        object.__setattr__(self, "quaternions", self.quaternions * (signs / norms)[:, None])
+        set_fields(self, quaternions=self.quaternions * (signs / norms)[:, None])
         if self.velocities_m_s is not None:
             velocities = as_points(self.velocities_m_s, 3, "velocities_m_s")
             if len(velocities) != len(self.positions_m):
                 raise InputError("velocities_m_s: expected one for each of positions_m")
-            object.__setattr__(self, "velocities_m_s", velocities)
+            set_fields(self, velocities_m_s=velocities)
         elif not even[0]:
             raise InputError("velocities_m_s is missing: positions at uneven times are interpolated with it")
-        object.__setattr__(self, "_even", tuple(even))
+        set_fields(self, _even=tuple(even))
 
     @property
     def span_s(self) -> tuple[float, float]:

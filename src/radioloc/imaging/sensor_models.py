@@ -21,6 +21,7 @@ from radioloc.errors import InputError
 from radioloc.imaging.cameras import Camera, as_points
 from radioloc.imaging.distortion import Distortion
 from radioloc.imaging.orientation import ConstantOrientation, Orientation
+from radioloc.units import set_fields
 from radioloc.vectors import Floats
 
 _MAX_ITERATIONS = 30
@@ -120,7 +121,7 @@ class LineScanModel:
         table = as_points(self.line_times, 3, "line_times")
         if not len(table) or not (table[:, 2] > 0.0).all() or not (np.diff(table[:, :2], axis=0) > 0.0).all():
             raise InputError("line_times: expected rising lines and times, and positive durations")
-        object.__setattr__(self, "line_times", table)
+        set_fields(self, line_times=table)
 
     def times_s(self, lines: Floats) -> tuple[Floats, Floats]:
         """Return times of lines, s, and the duration of a line, s, shape (n,)."""

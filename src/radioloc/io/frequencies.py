@@ -35,6 +35,7 @@ from radioloc.quantities import convert_fields
 from radioloc.text_files import read_lines
 from radioloc.time import Epochs
 from radioloc.time.dates import utc_from_seconds_of_day
+from radioloc.units import set_fields
 from radioloc.vectors import Floats
 
 MAX_DURATION_S = 86400.0
@@ -88,7 +89,7 @@ class FrequencyAgreement:
     def __post_init__(self) -> None:
         convert_fields(self)
         if isinstance(self.files, str):
-            object.__setattr__(self, "files", (self.files,))
+            set_fields(self, files=(self.files,))
         for name in ("transmit_hz", "sigma_hz", "count_s"):
             value = getattr(self, name)
             if value is not None and not (math.isfinite(value) and value > 0.0):

@@ -112,21 +112,6 @@ class LunarPosition:
         longitude_rad, latitude_rad, height_m = cartesian_to_selenographic(self.xyz_m)
         return float(np.degrees(longitude_rad)), float(np.degrees(latitude_rad)), float(height_m)
 
-    @property
-    def representation(self) -> Any:
-        """Coordinates x, y, z in :attr:`frame` as an astropy ``CartesianRepresentation``.
-
-        Examples
-        --------
-        >>> from radioloc.lunar import LunarPosition
-        >>> pole = LunarPosition.from_selenographic(0.0, 90.0, 600.0)
-        >>> pole.representation.z.to("km").round(3)
-        <Quantity 1738. km>
-        """
-        from astropy.coordinates import CartesianRepresentation
-
-        return CartesianRepresentation(self.xyz_m, unit="m")
-
     @accepts_quantities
     def to_gcrs(self, tdb: Epochs) -> Any:
         """Return the direction of the point from the geocentre as an astropy ``SkyCoord`` in GCRS, shape (n,).

@@ -13,6 +13,7 @@ from enum import Enum
 from radioloc.errors import InputError
 from radioloc.measurements.link import Link
 from radioloc.quantities import convert_fields
+from radioloc.units import set_fields
 
 TIME_TAGS = ("transmit", "receive", "bounce")
 """Events of time tags; :attr:`Observations.tag` has indices into this tuple."""
@@ -104,7 +105,7 @@ class MeasurementType:
                 f"measurement type {self.name}: expected parts if and only if the geometry is COMBINED"
             )
         if not self.form:
-            object.__setattr__(self, "form", self.geometry.value)
+            set_fields(self, form=self.geometry.value)
         unknown = set(self.tags) - set(TIME_TAGS)
         if not self.name.isidentifier() or not self.tags or unknown or not self.form:
             raise InputError(

@@ -20,6 +20,7 @@ from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.quantities import convert_fields
 from radioloc.time import Epochs
+from radioloc.units import set_fields
 from radioloc.vectors import Floats
 
 
@@ -74,7 +75,7 @@ class FixedPoint:
             raise InputError(
                 f"position_pa_m: expected three finite coordinates in principal axes, m, got {position_pa_m.tolist()}"
             )
-        object.__setattr__(self, "position_pa_m", position_pa_m)
+        set_fields(self, position_pa_m=position_pa_m)
 
     @property
     def trajectory(self) -> None:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.errors import InputError
+from radioloc.units import set_fields
 from radioloc.vectors import Floats
 
 _MIN_SIGMA = 1e-30  # In any unit; the square of its inverse is still finite
@@ -114,7 +115,7 @@ class ParameterSet:
     parameters: Sequence[Parameter]
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "parameters", tuple(self.parameters))
+        set_fields(self, parameters=tuple(self.parameters))
         if not self.parameters:
             raise InputError("a parameter set needs at least one parameter")
         names = Counter((item.name, item.role is Role.CONSIDERED) for item in self.parameters)

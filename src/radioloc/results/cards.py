@@ -20,6 +20,7 @@ from typing import Any
 
 from radioloc.errors import visible
 from radioloc.estimation.statistics import Residuals
+from radioloc.units import set_fields
 
 RESULT, POSITION, RESIDUALS, BUDGET = "Result", "Position", "Residuals", "Error budget"
 OBSERVABILITY, REJECTED, PROVENANCE = "Parameters and observability", "Rejected", "Provenance"
@@ -53,11 +54,11 @@ class Field:
 
     def __post_init__(self) -> None:
         for name in ("label", "file"):
-            object.__setattr__(self, name, visible(getattr(self, name)))
+            set_fields(self, **{name: visible(getattr(self, name))})
         for name in ("lines", "heading", "below"):
-            object.__setattr__(self, name, tuple(map(visible, getattr(self, name))))
+            set_fields(self, **{name: tuple(map(visible, getattr(self, name)))})
         for name in ("rows", "hidden"):
-            object.__setattr__(self, name, tuple(tuple(map(visible, row)) for row in getattr(self, name)))
+            set_fields(self, **{name: tuple(tuple(map(visible, row)) for row in getattr(self, name))})
 
     @property
     def is_empty(self) -> bool:
@@ -116,7 +117,7 @@ class Card:
     details: Iterable[Detail] = ()  # an iterator, as only the page needs them
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "fields", tuple(field for field in self.fields if not field.is_empty))
+        set_fields(self, fields=tuple(field for field in self.fields if not field.is_empty))
 
     def __str__(self) -> str:
         lines = (

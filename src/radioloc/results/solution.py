@@ -42,6 +42,7 @@ from radioloc.results.result import Content, OrbitFile, Result
 from radioloc.results.tables import by_axis, finite, place_record, residual_table
 from radioloc.tables import TableForm, as_table
 from radioloc.targets.orbit_state import EAST_NORTH_UP, OrbitState
+from radioloc.units import set_fields
 from radioloc.vectors import Floats
 
 Axes = Literal["enu", "pa", "me", "geographic"]
@@ -189,12 +190,12 @@ class Solution(Result):
             "prior_effects": (p, p),
         }
         if not self.prior_effects.size:
-            object.__setattr__(self, "prior_effects", np.zeros((p, p)))
+            set_fields(self, prior_effects=np.zeros((p, p)))
         for name, shape in shapes.items():
             array = read_only(getattr(self, name))
             if array.shape != shape:
                 raise InputError(f"{name} has shape {array.shape}, but {shape} is needed")
-            object.__setattr__(self, name, array)
+            set_fields(self, **{name: array})
 
     @property
     def state(self) -> OrbitState | None:

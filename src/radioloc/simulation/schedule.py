@@ -24,6 +24,7 @@ from radioloc.measurements.registry import KINDS, MEASUREMENTS
 from radioloc.quantities import accepts_quantities, convert_fields
 from radioloc.simulation.visibility import AtInfinity, Masks, Target, is_visible
 from radioloc.time import Epochs, epochs_from_strings, utc_to_tai, utc_to_tt
+from radioloc.units import set_fields
 
 Pair = tuple[str, str]
 
@@ -122,7 +123,7 @@ class Session:
 
     def __post_init__(self) -> None:
         convert_fields(self)
-        object.__setattr__(self, "pairs", tuple(self.pairs))
+        set_fields(self, pairs=tuple(self.pairs))
         object.__setattr__(
             self, "targets", (self.targets,) if isinstance(self.targets, str) else tuple(self.targets)
         )

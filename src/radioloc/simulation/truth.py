@@ -31,6 +31,7 @@ from radioloc.targets.design import DesignMatrix, ObservationModel
 from radioloc.targets.orbit_state import EAST_NORTH_UP
 from radioloc.targets.surface_point import SurfacePoint, cartesian
 from radioloc.time import epochs_from_strings, utc_to_tai
+from radioloc.units import set_fields
 from radioloc.vectors import Floats
 
 _MAX_ERRORS = {
@@ -73,10 +74,13 @@ class Truth:
         clock_epoch_utc: str | None = None,
         **values: Any,
     ) -> None:
-        object.__setattr__(self, "values", _choices(values))
-        object.__setattr__(self, "terms_on", tuple(terms_on))
-        object.__setattr__(self, "terms_off", tuple(terms_off))
-        object.__setattr__(self, "clock_epoch_utc", clock_epoch_utc)
+        set_fields(
+            self,
+            values=_choices(values),
+            terms_on=tuple(terms_on),
+            terms_off=tuple(terms_off),
+            clock_epoch_utc=clock_epoch_utc,
+        )
         active_terms((*self.terms_on, *self.terms_off))  # raises an error for unknown names
 
     def model(self, nominal: PhysicalModel) -> PhysicalModel:
@@ -111,10 +115,13 @@ class TruthSigma:
             raise InputError(f"position_enu_m: expected sigmas from 0 to 200 m, got {(east, north, up)!r}")
         if isinstance(gravity_errors, bool) or not isinstance(gravity_errors, int) or gravity_errors < 0:
             raise InputError(f"gravity_errors: expected a whole number from zero up, got {gravity_errors!r}")
-        object.__setattr__(self, "gravity_errors", gravity_errors)
-        object.__setattr__(self, "sigmas", _choices(sigmas, sigma=True))
-        object.__setattr__(self, "position_enu_m", (east, north, up))
-        object.__setattr__(self, "clock_epoch_utc", clock_epoch_utc)
+        set_fields(
+            self,
+            gravity_errors=gravity_errors,
+            sigmas=_choices(sigmas, sigma=True),
+            position_enu_m=(east, north, up),
+            clock_epoch_utc=clock_epoch_utc,
+        )
 
     @property
     def keys(self) -> tuple[str, ...]:

@@ -14,6 +14,7 @@ from radioloc.study.schema import check, entry
 from radioloc.study.uplinks import Uplink
 from radioloc.study.weights import Weight
 from radioloc.time import Epochs, utc_to_tai
+from radioloc.units import set_fields
 
 TDM_KEYS = {
     "sigma_m": "sigma_m",
@@ -115,9 +116,9 @@ class ObservationChoice:
 
     def __post_init__(self) -> None:
         files = (self.files,) if isinstance(self.files, (str, Path)) else self.files
-        object.__setattr__(self, "files", tuple(Path(file) for file in files))
+        set_fields(self, files=tuple(Path(file) for file in files))
         for name in ("weights", "frequencies", "map_positions", "uplinks"):
-            object.__setattr__(self, name, tuple(getattr(self, name)))
+            set_fields(self, **{name: tuple(getattr(self, name))})
         check(self)
         if self.start is not None and self.stop is not None:
             length_s = utc_to_tai(self.stop).seconds_since(utc_to_tai(self.start))

@@ -24,6 +24,7 @@ from radioloc.quantities import convert_fields
 from radioloc.targets.descent import Ground
 from radioloc.targets.orbit import GravityErrors
 from radioloc.time import Epochs, tt_to_tdb, utc_strings, utc_to_tt
+from radioloc.units import set_fields
 
 Floats = NDArray[np.float64]
 
@@ -191,7 +192,7 @@ class Orbiter:
                 raise InputError(
                     f"the {self.landing} is not after the epoch of the state; correct one of them"
                 )
-            object.__setattr__(self, "forces", self.landing.forces(self.forces, self.epoch, self.state))
+            set_fields(self, forces=self.landing.forces(self.forces, self.epoch, self.state))
 
     @classmethod
     def from_elements(

@@ -21,6 +21,7 @@ from radioloc.errors import InputError
 from radioloc.plugins import Registry
 from radioloc.quantities import convert_fields
 from radioloc.time import Epochs, epochs_from_strings
+from radioloc.units import set_fields
 
 STDIN = Path("-")  # Standard input in place of a study file
 
@@ -47,7 +48,7 @@ def check(record: Any) -> None:
             continue
         value = _normalized(f.name, raw, f.metadata)
         if value is not raw:
-            object.__setattr__(record, f.name, value)
+            set_fields(record, **{f.name: value})
         for key, item in _items(f.name, value):
             _require_rules(key, item, f.metadata)
 

@@ -42,6 +42,7 @@ from radioloc.study.orbit_choice import OrbitChoice
 from radioloc.study.orbiter import Orbiter
 from radioloc.study.schema import TomlTable, check, entry, names_of
 from radioloc.targets.position_prior import PositionPrior
+from radioloc.units import set_fields
 
 WEIGHTS = ("independent", "correlated")
 COMPONENTS = ("type", "link", "link and pass")
@@ -168,11 +169,11 @@ class EstimateChoice:
     def __init__(self, *, parameters: Mapping[str, ParameterChoice] | None = None, **keys: Any) -> None:
         for f in fields(self):
             if f.name != "parameters":
-                object.__setattr__(self, f.name, keys.pop(f.name, f.default))
-        object.__setattr__(self, "parameters", parameter_choices(keys, parameters))
+                set_fields(self, **{f.name: keys.pop(f.name, f.default)})
+        set_fields(self, parameters=parameter_choices(keys, parameters))
         sigmas_m = convert_quantity("ephemeris_sigma_m", self.ephemeris_sigma_m)
         sigmas_m = tuple(sigmas_m) if isinstance(sigmas_m, Iterable) else (sigmas_m,) * 3
-        object.__setattr__(self, "ephemeris_sigma_m", sigmas_m)
+        set_fields(self, ephemeris_sigma_m=sigmas_m)
         check(self)
         if self.height_prior is not None and self.position != "geographic":
             raise InputError('height_prior needs position = "geographic"')
@@ -268,8 +269,8 @@ class ModelChoice:
 
     def __post_init__(self) -> None:
         check(self)
-        object.__setattr__(self, "free_clocks", names_of("free_clocks", self.free_clocks))
-        object.__setattr__(self, "off", names_of("off", self.off))
+        set_fields(self, free_clocks=names_of("free_clocks", self.free_clocks))
+        set_fields(self, off=names_of("off", self.off))
         with error_context("off:"):
             active_terms(self.off)  # refuses unknown names
         if self.ionex and self.tec_tecu is not None:
@@ -372,11 +373,11 @@ class Study:
     def __post_init__(self) -> None:
         for name, types in _FIELD_TYPES.items():
             require_type(f"Study: {name}", getattr(self, name), *types)
-        object.__setattr__(self, "references", tuple(self.references))
+        set_fields(self, references=tuple(self.references))
         for k, reference in enumerate(self.references):
             require_type(f"Study: references[{k}]", reference, Reference)
         if self.candidates is not None:
-            object.__setattr__(self, "candidates", tuple(self.candidates))
+            set_fields(self, candidates=tuple(self.candidates))
         self._name_targets()
         self._require_considered()
         self._set_position_priors()
@@ -385,11 +386,11 @@ class Study:
             for orbiter in self.orbiters.values():
                 chosen.parameters(orbiter.forces)
             position = self.estimate.position if self.landers else "none"
-            object.__setattr__(self, "estimate", replace(self.estimate, position=position, orbit=chosen))
+            set_fields(self, estimate=replace(self.estimate, position=position, orbit=chosen))
             self._require_states(chosen)
             if chosen.process_noise is not None:
                 # The information filter of process noise takes the place of weights correlated in time.
-                object.__setattr__(self, "estimate", replace(self.estimate, weights="independent"))
+                set_fields(self, estimate=replace(self.estimate, weights="independent"))
                 self._require_process_noise()
         elif self.estimate.orbit is not None:
             raise InputError('[estimate.orbit] belongs to a target with dynamics = "moon"; leave it out')
@@ -459,14 +460,14 @@ class Study:
                     f"[targets.{name}]: expected different targets, got {canonical_target(name)} twice"
                 )
             named[canonical_target(name)] = target
-        object.__setattr__(self, "targets", named)
+        set_fields(self, targets=named)
         first = next(iter(named.values()), None)
         if self.target is None and first is None:
             raise InputError(
                 "[target] is missing; it gives the a-priori position, or [targets.NAME] that of each"
             )
         if self.target is None:
-            object.__setattr__(self, "target", first)
+            set_fields(self, target=first)
         elif first is not None and self.target is not first:
             raise InputError("give either [target] or [targets.NAME], not both")
         if len(named) > 1:
@@ -529,7 +530,7 @@ class Study:
                 prior.with_height(height.height_m, height.sigma_m) if prior.has_height else prior
                 for prior in priors
             )
-        object.__setattr__(self, "estimate", replace(estimate, position_priors=priors))
+        set_fields(self, estimate=replace(estimate, position_priors=priors))
 
     def _require_considered(self) -> None:
         for key in self.suboptimal:

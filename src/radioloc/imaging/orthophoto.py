@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +29,6 @@ _OUTLINE_POINTS = 65  # per side of an image
 _MAX_RAY_MISS_CELLS = 1.0  # of a point from the first intersection of its ray, for a visible point
 # Tangent of 60 degrees, which slopes between cells do not exceed: steeper rays need no test for hidden points.
 _MAX_SLOPE = 1.7
-_STENCIL_KINDS = {"bilinear": "bilinear", "cubic": "bicubic"}
 
 
 def write_orthophoto(
@@ -39,9 +38,8 @@ def write_orthophoto(
     *,
     projection: str = "IAU_2015:30110",
     resolution_m: float,
-    interpolation: Literal["nearest", "bilinear", "cubic"] = "bilinear",
 ) -> None:
-    """Write an image, or a mosaic of several, as a map: a GeoTIFF with a mask.
+    """Write an image, or a mosaic of several, as a map by bilinear interpolation: a GeoTIFF with a mask.
 
     Parameters
     ----------
@@ -58,8 +56,6 @@ def write_orthophoto(
         or ``"+proj=..."``.
     resolution_m : float
         Size of the cells in the map's coordinates; they begin at whole multiples of it.
-    interpolation : str
-        ``"nearest"``, ``"bilinear"`` or ``"cubic"`` (cubic convolution, Keys 1981).
 
     Raises
     ------
@@ -80,8 +76,6 @@ def write_orthophoto(
                 f"expected an image of {dtype} with the shape {tuple(model.shape)} (lines, samples) of its model, got "
                 f"{image.dtype} and {image.shape}"
             )
-    if interpolation != "nearest" and interpolation not in _STENCIL_KINDS:
-        raise InputError(f"interpolation: expected nearest, bilinear or cubic, got {interpolation!r}")
     rasterio = load_rasterio()
     crs = _lunar_projection(projection, resolution_m)
     grid = _grid(crs, [model for _, model in images], Terrain(terrain), resolution_m)
@@ -94,7 +88,7 @@ def write_orthophoto(
             for image, model in reversed(images):
                 empty = np.flatnonzero(~visible)
                 values[empty], visible[empty] = _cell_values(
-                    image, model, terrain, grid, rows[empty], columns[empty], interpolation
+                    image, model, terrain, grid, rows[empty], columns[empty]
                 )
             shape = window.height, window.width
             file.write(values.reshape(shape), 1, window=window)
@@ -159,7 +153,6 @@ def _cell_values(
     grid: MapGrid,
     rows: Floats,
     columns: Floats,
-    interpolation: str,
 ) -> tuple[NDArray[Any], NDArray[np.bool_]]:
     """Return values of some cells, and whether each is visible in the image."""
     values, visible = np.zeros(len(rows), dtype=image.dtype), np.zeros(len(rows), dtype=bool)
@@ -172,7 +165,7 @@ def _cell_values(
     except LargeWindowError:  # the elevation map is much finer than the orthophoto
         half = len(rows) // 2
         halves = [
-            _cell_values(image, model, terrain, grid, rows[k], columns[k], interpolation)
+            _cell_values(image, model, terrain, grid, rows[k], columns[k])
             for k in (slice(half), slice(half, None))
         ]
         return np.concatenate([v for v, _ in halves]), np.concatenate([s for _, s in halves])
@@ -187,7 +180,7 @@ def _cell_values(
     shown = np.flatnonzero(projected.visible & in_image)
     shown = shown[~_hidden(model, terrain, points[shown], projected.pixels[shown], grid.resolution_m)]
     visible[cells[shown]] = True
-    values[cells[shown]] = _interpolated(image, projected.pixels[shown], interpolation)
+    values[cells[shown]] = _interpolated(image, projected.pixels[shown])
     return values, visible
 
 
@@ -208,16 +201,10 @@ def _hidden(
     return hidden
 
 
-def _interpolated(image: NDArray[Any], pixels: Floats, interpolation: str) -> NDArray[Any]:
+def _interpolated(image: NDArray[Any], pixels: Floats) -> NDArray[Any]:
     """Return the image at pixels; outer pixels are repeated beyond the edge."""
     lines, samples = image.shape
-    if interpolation == "nearest":
-        nearest = np.rint(pixels).astype(np.int64)
-        return image[np.clip(nearest[:, 1], 0, lines - 1), np.clip(nearest[:, 0], 0, samples - 1)]
-    stencil = Stencil.around(pixels[:, 1], pixels[:, 0], image.shape, _STENCIL_KINDS[interpolation])
+    stencil = Stencil.around(pixels[:, 1], pixels[:, 0], image.shape, "bilinear")
     rows, columns = np.clip(stencil.rows, 0, lines - 1), np.clip(stencil.columns, 0, samples - 1)
     values = stencil.value(image[rows, columns].astype(np.float64))
-    if np.issubdtype(image.dtype, np.integer):
-        limits = np.iinfo(image.dtype)
-        values = np.clip(np.rint(values), limits.min, limits.max)
-    return values.astype(image.dtype)
+    return (np.rint(values) if image.dtype.kind in "iu" else values).astype(image.dtype)

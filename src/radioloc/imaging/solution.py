@@ -318,9 +318,8 @@ class ImageSolution(_ImageResult):
         if frame.homography is None:
             return content
         centre = None
-        with contextlib.suppress(
-            InputError
-        ):  # the centre may show the sky, or ground far beyond the tie points
+        # The centre may show the sky, or ground far beyond the tie points.
+        with contextlib.suppress(InputError):
             point = self.registration.ground_point(frame.name)
             centre = {
                 "longitude_deg": point.longitude_deg,

@@ -85,9 +85,15 @@ def test_transmit_and_receive_tags_tell_one_path(model, case):
 
 @given(case=CASES, away=st.tuples(*[st.floats(-3e4, 3e4)] * 3))
 def test_preparation_does_not_matter(model, case, away):
-    near, point_pa_m = arc_and_point(model, case)
-    far, _ = arc_and_point(model, case, prepared_off_m=away)
-    one, other = near.compute(FixedPoint(point_pa_m)), far.compute(FixedPoint(point_pa_m))
-    assert abs(one.value_m - other.value_m)[0] < SAME_M
-    np.testing.assert_allclose(one.by_position_pa, other.by_position_pa, rtol=0, atol=1e-8)
-    assert one.status.tolist() == other.status.tolist() or abs(one.elevation_rad).min() < 1e-3
+    prepared, point_pa_m = arc_and_point(model, case)
+    prepared_far, _ = arc_and_point(model, case, prepared_off_m=away)
+    prediction, far_prediction = (
+        prepared.compute(FixedPoint(point_pa_m)),
+        prepared_far.compute(FixedPoint(point_pa_m)),
+    )
+    assert abs(prediction.value_m - far_prediction.value_m)[0] < SAME_M
+    np.testing.assert_allclose(prediction.by_position_pa, far_prediction.by_position_pa, rtol=0, atol=1e-8)
+    assert (
+        prediction.status.tolist() == far_prediction.status.tolist()
+        or abs(prediction.elevation_rad).min() < 1e-3
+    )

@@ -57,17 +57,17 @@ def test_fits_come_home_from_the_whole_near_side(tracking, home, fit, from_middl
         math.degrees(math.asin(across * math.cos(azimuth_rad))),
         0.0,
     )
-    solution, known = radioloc.locate(search(study(fit, start), tracking).study, tracking), home[fit]
+    solution, prior = radioloc.locate(search(study(fit, start), tracking).study, tracking), home[fit]
     assert solution.converged
-    off_m = solution.rot_pa_to_enu @ (solution.position_pa_m - known.position_pa_m)
-    assert (np.abs(off_m) < SAME_SIGMAS * known.sigma_enu_m()).all()
+    off_m = solution.rot_pa_to_enu @ (solution.position_pa_m - prior.position_pa_m)
+    assert (np.abs(off_m) < SAME_SIGMAS * prior.sigma_enu_m()).all()
 
 
 @pytest.mark.study
 def test_a_good_position_is_kept_and_from_a_bad_one_the_search_is_named(tracking, home):
     assert search(study("biases", change5_case.NEAR), tracking).apriori_positions == ()
     assert not any("radioloc search" in note for note in home["biases"].notes)
-    far = study("biases", LunarPosition.from_selenographic(8.0, 43.0, 0.0))
-    assert any("`radioloc search STUDY.toml`" in note for note in radioloc.locate(far, tracking).notes)
-    (found,) = search(far, tracking).apriori_positions
-    assert found.away_m > 1e6
+    far_study = study("biases", LunarPosition.from_selenographic(8.0, 43.0, 0.0))
+    assert any("`radioloc search STUDY.toml`" in note for note in radioloc.locate(far_study, tracking).notes)
+    (result,) = search(far_study, tracking).apriori_positions
+    assert result.away_m > 1e6

@@ -140,15 +140,21 @@ def value_m(arc):
 
 
 # One of each geometry in seconds, with one component each; all of them with the slow studies.
-FEW = ("three-way, receive", "VLBI delay", "two-way Doppler", "one-way, transmit", "differenced Doppler")
-few_cases = pytest.mark.parametrize("case", some(CASES, FEW))
+SAMPLE_CASES = (
+    "three-way, receive",
+    "VLBI delay",
+    "two-way Doppler",
+    "one-way, transmit",
+    "differenced Doppler",
+)
+few_cases = pytest.mark.parametrize("case", some(CASES, SAMPLE_CASES))
 few_cases_undifferenced = pytest.mark.parametrize(
-    "case", some([case for case in CASES if case not in DIFFERENCES], FEW)
+    "case", some([case for case in CASES if case not in DIFFERENCES], SAMPLE_CASES)
 )
 
 
 def few_cases_with(name, values):
-    return pytest.mark.parametrize(("case", name), each_with_one(CASES, FEW, values))
+    return pytest.mark.parametrize(("case", name), each_with_one(CASES, SAMPLE_CASES, values))
 
 
 FORMS = {
@@ -261,14 +267,16 @@ def test_zenith_delay(model, case):
             # The same arc: one that is prepared anew has other last places of the Moon's angle, micrometres.
             wetter = copy.copy(arc)
             air = arc._media["troposphere"]
-            more = dataclasses.replace(air, wet_m=air.wet_m + d * (arc._station_index == index))
-            wetter._media = {**arc._media, "troposphere": more}
+            wetter_air = dataclasses.replace(air, wet_m=air.wet_m + d * (arc._station_index == index))
+            wetter._media = {**arc._media, "troposphere": wetter_air}
             return value_m(wetter)
 
         assert_same(column, slope(with_more, 10.0))
 
 
-@pytest.mark.parametrize("case", some([case for case in CASES if case[:5] in ("two-w", "three")], FEW))
+@pytest.mark.parametrize(
+    "case", some([case for case in CASES if case[:5] in ("two-w", "three")], SAMPLE_CASES)
+)
 def test_transponder_delay(model, case):
     def held(d):
         delays = dataclasses.replace(DELAYS, transponder_s=5e-4 + d)
@@ -286,16 +294,16 @@ def test_transponder_delay(model, case):
 def test_station_position(airless, case, component):
     model = airless
     for station in stations_of(case):
-        found = model.catalogue.get(station)
-        enu = rot_itrf_to_enu(found.itrf_m)
+        entry = model.catalogue.get(station)
+        enu = rot_itrf_to_enu(entry.itrf_m)
 
-        def moved(d, found=found, enu=enu):
+        def moved(d, entry=entry, enu=enu):
             catalogue = model.catalogue.with_station(
-                dataclasses.replace(found, itrf_m=found.itrf_m + d * enu[component])
+                dataclasses.replace(entry, itrf_m=entry.itrf_m + d * enu[component])
             )
             return value_m(arc_of(dataclasses.replace(model, catalogue=catalogue), case))
 
-        name = f"station_position.{found.name}.{('east', 'north', 'up')[component]}"
+        name = f"station_position.{entry.name}.{('east', 'north', 'up')[component]}"
         column = column_of(arc_of(model, case), name, station_position=[station])
         assert_same(column, slope(moved, 300.0), BY_STATION, 2.0)
 
@@ -440,8 +448,8 @@ def test_station_delay(model):
     ):
 
         def longer(d, case=case, station=station):
-            known = DELAYS.stations[station]
-            changed = {**DELAYS.stations, station: dataclasses.replace(known, receive_s=5e-4 + d)}
+            delays = DELAYS.stations[station]
+            changed = {**DELAYS.stations, station: dataclasses.replace(delays, receive_s=5e-4 + d)}
             delays = dataclasses.replace(DELAYS, stations=changed)
             return value_m(arc_of(dataclasses.replace(model, delays=delays), case))
 
@@ -463,11 +471,11 @@ def test_two_targets(model):
     places = [cartesian(p, name=name) for p, name in zip(positions_m, "xy", strict=True)]
     positions = with_position_priors(places, [None, None], constants)
     targets = [SurfacePoint("xy"[k], *one, preceding=3 * k) for k, one in enumerate(positions)]
-    found = ObservationModel.of(arc, targets, [])
-    partials = found.residuals(found.parameters.prior_values)[1]
+    problem = ObservationModel.of(arc, targets, [])
+    partials = problem.residuals(problem.parameters.prior_values)[1]
     for target, sign in ((0, 1.0), (1, -1.0)):
-        alone = delays[target].compute(FixedPoint(positions_m[target])).by_position_pa
-        assert np.abs(partials[:, 3 * target : 3 * target + 3] - sign * alone).max() < 1e-12
+        expected = delays[target].compute(FixedPoint(positions_m[target])).by_position_pa
+        assert np.abs(partials[:, 3 * target : 3 * target + 3] - sign * expected).max() < 1e-12
 
 
 def test_no_kind_of_parameter_is_forgotten():
@@ -475,5 +483,5 @@ def test_no_kind_of_parameter_is_forgotten():
     # Those of a session are the constant ones in some rows.
     kinds = {name.removesuffix("_variation") for name in (*PARAMETERS, "position")}
     assert kinds <= set(tested.split("_and_"))
-    elsewhere = {"differenced_delay"}
-    assert {kind for kind, _, _ in CASES.values()} == set(KINDS) - elsewhere
+    tested_separately = {"differenced_delay"}
+    assert {kind for kind, _, _ in CASES.values()} == set(KINDS) - tested_separately

@@ -38,8 +38,8 @@ ALL_DAYS = st.one_of(DAYS, DAYS_WITH_LEAP_SECOND)
 def test_utc_to_tai_and_back(jd, fraction):
     utc = Epochs.from_jd(jd, fraction, "UTC")
     tai = utc_to_tai(utc)
-    again = utc_to_tai(tai_to_utc(tai))
-    assert abs(again.seconds_since(tai)[0]) < FEW_LAST_PLACES_S
+    round_trip = utc_to_tai(tai_to_utc(tai))
+    assert abs(round_trip.seconds_since(tai)[0]) < FEW_LAST_PLACES_S
 
 
 @given(ALL_DAYS, FRACTIONS)

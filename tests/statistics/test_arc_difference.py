@@ -82,26 +82,30 @@ def fits():
     """With biases free and all observations in full; with biases known to 10 m; and the study as it is."""
     study = radioloc.read_study(EXAMPLES / "change5" / "simulation.toml")
     scenario = study.simulation
-    calm = {kind: replace(one, outlier_fraction=0.0) for kind, one in scenario.noise.link.items()}
+    calm = {kind: replace(item, outlier_fraction=0.0) for kind, item in scenario.noise.link.items()}
     study = replace(study, simulation=replace(scenario, noise=replace(scenario.noise, link=calm)))
     bias = study.estimate.parameters["range_bias"]
-    known = replace(study.estimate, parameters={"range_bias": bias}, weights="independent")
-    free = replace(known, parameters={"range_bias": replace(bias, sigma=None)})
-    return [replace(study, estimate=estimate) for estimate in (free, known, study.estimate)]
+    prior = replace(study.estimate, parameters={"range_bias": bias}, weights="independent")
+    free = replace(prior, parameters={"range_bias": replace(bias, sigma=None)})
+    return [replace(study, estimate=estimate) for estimate in (free, prior, study.estimate)]
 
 
 def effects(study):
     """What errors of one sigma do to observations, m, shape (n, errors), by name."""
-    drawn, found = {}, {}
+    drawn, result = {}, {}
     for name, (sigma, kind, whose, factor) in ERRORS.items():
         if id(sigma) not in drawn:
             world = replace(study, simulation=replace(study.simulation, truth_sigma=sigma))
             drawn[id(sigma)] = Prepared.of(world, HOURS).linear().drawn
-        one = drawn[id(sigma)]
-        parts = [re.split(r"[. ]", label) for label in one.names]
-        mine = [k for k, (of, *rest) in enumerate(parts) if of == kind and (not rest or rest[0] in whose)]
-        found[name] = factor * (one.partials.T * one.sigmas)[:, mine]
-    return found
+        item = drawn[id(sigma)]
+        parts = [re.split(r"[. ]", label) for label in item.names]
+        members = [
+            k
+            for k, (of, *remainder) in enumerate(parts)
+            if of == kind and (not remainder or remainder[0] in whose)
+        ]
+        result[name] = factor * (item.partials.T * item.sigmas)[:, members]
+    return result
 
 
 def differences(study, effects_m):
@@ -138,10 +142,10 @@ def table():
     """Sigmas east and north for each of the fits, m, by error; and the paper's difference in those of all."""
     first, *_ = studies = fits()
     effects_m = effects(first)
-    found = [differences(study, effects_m) for study in studies]
-    rows = {name: [np.sqrt((parts[name] ** 2).sum(axis=1)) for parts in found] for name in found[0]}
-    rows[ALL] = [np.sqrt(np.diag(summed(parts))) for parts in found]
-    return rows, [float(np.sqrt(PAPER_M @ np.linalg.solve(summed(parts), PAPER_M))) for parts in found]
+    result = [differences(study, effects_m) for study in studies]
+    rows = {name: [np.sqrt((parts[name] ** 2).sum(axis=1)) for parts in result] for name in result[0]}
+    rows[ALL] = [np.sqrt(np.diag(summed(parts))) for parts in result]
+    return rows, [float(np.sqrt(PAPER_M @ np.linalg.solve(summed(parts), PAPER_M))) for parts in result]
 
 
 def documented():

@@ -47,10 +47,10 @@ def matched():
         consider_defaults=False,  # the world has no other errors
         simulation=Scenario(Schedule(sessions), LANDER, Truth(), NOISE, truth_sigma, seed=20201201),
     )
-    found = radioloc.monte_carlo(study, TRIALS, HOURS, workers=2)
-    assert found.linear
-    assert found.arcs[0].used > 2500
-    return found
+    result = radioloc.monte_carlo(study, TRIALS, HOURS, workers=2)
+    assert result.linear
+    assert result.arcs[0].used > 2500
+    return result
 
 
 @pytest.mark.parametrize("k", range(len(HOURS)))
@@ -88,19 +88,19 @@ HELD_DRAWN = (0.92, 0.90, 0.885)
 @pytest.fixture(scope="module")
 def lasting():
     """The example's tracking: errors of the model, drawn, and noise that lasts for hours."""
-    found = radioloc.monte_carlo(radioloc.read_study(EXAMPLE), 200, HOURS, workers=2)
-    assert found.linear
-    assert found.converged
-    return found
+    result = radioloc.monte_carlo(radioloc.read_study(EXAMPLE), 200, HOURS, workers=2)
+    assert result.linear
+    assert result.converged
+    return result
 
 
 def test_arcs_of_realistic_data_agree_as_those_of_the_paper(lasting):
     """Wang et al. (2021), section 3: all arcs within 100 m of each other; 48 h within 30 m of the truth."""
     enu_m = np.stack([lasting["east_m"], lasting["north_m"]], axis=-1)
     horizontal_m = np.linalg.norm(enu_m, axis=-1)
-    for one in range(3):
-        for other in range(one):
-            apart_m = np.linalg.norm(enu_m[:, one] - enu_m[:, other], axis=-1)
+    for item in range(3):
+        for second in range(item):
+            apart_m = np.linalg.norm(enu_m[:, item] - enu_m[:, second], axis=-1)
             assert np.mean(apart_m < 100.0) >= 0.95
     assert np.mean((horizontal_m < 100.0).all(axis=1)) >= 0.95
     assert np.mean(horizontal_m[:, 0] < 30.0) >= 0.95
@@ -110,8 +110,8 @@ def test_arcs_of_realistic_data_agree_as_those_of_the_paper(lasting):
 
 def test_ellipses_hold_the_truth_and_no_sigma_grows_with_the_data(lasting):
     """Clocks are estimated: considered only, the height's sigma would grow with the data, beyond its a-priori 5 m."""
-    for arc, least in zip(lasting.arcs, HELD_DRAWN, strict=True):
-        assert arc.coverage["horizontal"].fraction >= least
+    for arc, minimum in zip(lasting.arcs, HELD_DRAWN, strict=True):
+        assert arc.coverage["horizontal"].fraction >= minimum
         assert arc.nees.mean < 1.6
     sigmas_m = np.array([arc.sigma_m for arc in lasting.arcs])
     assert (np.diff(sigmas_m, axis=0) > 0.0).all()

@@ -27,7 +27,7 @@ pytestmark = pytest.mark.slow
 TRIALS = 64
 HELD = 55
 """Binomial of 64 at 0.95: 55 or more but for a chance of 5e-3 / 4."""
-MANY, HELD_OF_MANY = 256, 232
+TRIAL_COUNT, HELD_OF_MANY = 256, 232
 """The same of 256."""
 SAME_M = 1e-3
 """Fits of the linear model in two ways stop within a thousandth of a sigma of metres."""
@@ -64,15 +64,15 @@ def trials(step_s, noise, weights, station_sigma_m=0.18, count=TRIALS):
         simulation=Scenario(Schedule(sessions), LANDER, Truth(), noise, truth_sigma, seed=20201201),
         name="plan",
     )
-    found = radioloc.monte_carlo(study, count, (24.0,))
-    assert found.converged
-    assert found.linear
-    return found
+    result = radioloc.monte_carlo(study, count, (24.0,))
+    assert result.converged
+    assert result.linear
+    return result
 
 
-def rms_m(found):
+def rms_m(result):
     """Of the errors in space."""
-    return float(np.linalg.norm(found.arcs[0].rms_m))
+    return float(np.linalg.norm(result.arcs[0].rms_m))
 
 
 @pytest.mark.parametrize("step_s", [60.0, 10.0])
@@ -80,8 +80,8 @@ def test_errors_that_last(step_s):
     plain, weighed = (trials(step_s, LASTING, weights) for weights in ("independent", "correlated"))
     assert rms_m(weighed) < 0.85 * rms_m(plain)
     assert np.median(weighed["sigma_north_m"]) < np.median(plain["sigma_north_m"])
-    for found in (plain, weighed):
-        assert all(part.count >= HELD for part in found.arcs[0].coverage.values())
+    for result in (plain, weighed):
+        assert all(part.count >= HELD for part in result.arcs[0].coverage.values())
     # Not by sigmas that are too large: the mean of 64 sums of three squares over theirs.
     assert 0.7 < weighed.arcs[0].nees.mean < weighed.arcs[0].nees.high
 
@@ -89,8 +89,8 @@ def test_errors_that_last(step_s):
 def test_white_errors():
     plain, weighed = (trials(60.0, WHITE, weights) for weights in ("independent", "correlated"))
     # One fit of a hundred seems correlated by chance; three of 64 or more have a chance of 3 %.
-    same = np.abs(weighed["north_m"] - plain["north_m"]) < SAME_M
-    assert same.sum() >= TRIALS - 3
+    common = np.abs(weighed["north_m"] - plain["north_m"]) < SAME_M
+    assert common.sum() >= TRIALS - 3
     assert rms_m(weighed) < 1.05 * rms_m(plain)
     assert all(part.count >= HELD for part in weighed.arcs[0].coverage.values())
 
@@ -98,9 +98,9 @@ def test_white_errors():
 @pytest.mark.parametrize("station_sigma_m", [0.01, 0.1])
 def test_errors_of_stations_that_last(station_sigma_m):
     """A stated error of stations must not hide from the fit that theirs last, and the baselines' own do not."""
-    found = trials(60.0, STATIONS_LAST, "independent", station_sigma_m, MANY)
-    assert all(part.count >= HELD_OF_MANY for part in found.arcs[0].coverage.values())
-    assert 0.7 < found.arcs[0].nees.mean < found.arcs[0].nees.high
+    result = trials(60.0, STATIONS_LAST, "independent", station_sigma_m, TRIAL_COUNT)
+    assert all(part.count >= HELD_OF_MANY for part in result.arcs[0].coverage.values())
+    assert 0.7 < result.arcs[0].nees.mean < result.arcs[0].nees.high
 
 
 FLICKER = NoiseModel(
@@ -110,5 +110,5 @@ FLICKER = NoiseModel(
 
 def test_flicker_noise_is_covered():
     """A single Gauss-Markov process in its place holds the truth in 65 of 100."""
-    found = trials(60.0, FLICKER, "correlated", 0.0)
-    assert found.arcs[0].coverage["horizontal"].count >= HELD
+    result = trials(60.0, FLICKER, "correlated", 0.0)
+    assert result.arcs[0].coverage["horizontal"].count >= HELD

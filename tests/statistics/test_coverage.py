@@ -16,15 +16,15 @@ COVERED = (359, 396)
 NEES_3 = (2.50, 3.55)
 
 pytestmark = pytest.mark.usefixtures("unsearched")
-KNOWN, UNKNOWN = "no biases", "biases with a-priori values"
+REFERENCE, UNKNOWN = "no biases", "biases with a-priori values"
 
 
-@pytest.fixture(scope="module", params=some([KNOWN, UNKNOWN], [UNKNOWN]))
+@pytest.fixture(scope="module", params=some([REFERENCE, UNKNOWN], [UNKNOWN]))
 def solutions(request):
     biases = request.param == UNKNOWN
     model = ToyMoon(60, 48.0, biases=biases)
     rng = np.random.default_rng(20)
-    found = []
+    result = []
     for seed in range(RUNS):
         parameters = model.parameters(LANDER_M + rng.normal(size=3) * 2e4)
         for name in model.biased:
@@ -32,8 +32,8 @@ def solutions(request):
             parameters = parameters.changed(
                 f"range_bias.{name}", prior_value=2.0 * rng.normal(), prior_sigma=2.0
             )
-        found.append(toy_solution(model, parameters=parameters, seed=seed, reference_pa_m=LANDER_M))
-    return found
+        result.append(toy_solution(model, parameters=parameters, seed=seed, reference_pa_m=LANDER_M))
+    return result
 
 
 @pytest.mark.study
@@ -81,9 +81,9 @@ def test_scaling_restores_coverage_when_sigmas_are_stated_too_small():
         offset_m = np.array([solution.reference.east_m, solution.reference.north_m])
         for level in ("formal", "scaled"):
             covariance = solution.position_covariance("enu", level)[:2, :2]
-            inside = offset_m @ np.linalg.solve(covariance, offset_m) < 5.991464547107979
-            held_formal += inside and level == "formal"
-            held_scaled += inside and level == "scaled"
+            contained = offset_m @ np.linalg.solve(covariance, offset_m) < 5.991464547107979
+            held_formal += contained and level == "formal"
+            held_scaled += contained and level == "scaled"
     assert held_formal < 0.3 * RUNS
     # The scale itself is estimated from 57 degrees of freedom, so the ellipse holds 94.4 % (Hotelling).
     assert COVERED[0] - 4 <= held_scaled <= COVERED[1]
@@ -92,7 +92,7 @@ def test_scaling_restores_coverage_when_sigmas_are_stated_too_small():
 @pytest.mark.slow
 def test_blunders_do_not_spoil_coverage():
     model = ToyMoon(60, 48.0, biases=False)
-    held = lost = 0
+    held = missing = 0
     for seed in range(RUNS):
         rng = np.random.default_rng(seed)
         blunders_m = {
@@ -103,6 +103,6 @@ def test_blunders_do_not_spoil_coverage():
         offset_m = np.array([solution.reference.east_m, solution.reference.north_m])
         covariance = solution.position_covariance("enu", "total")[:2, :2]
         held += offset_m @ np.linalg.solve(covariance, offset_m) < 5.991464547107979
-        lost += set(np.flatnonzero(~solution.residuals.used)) != set(blunders_m)
-    assert lost == 0
+        missing += set(np.flatnonzero(~solution.residuals.used)) != set(blunders_m)
+    assert missing == 0
     assert COVERED[0] <= held <= COVERED[1]

@@ -11,10 +11,10 @@ DESCENTS = 100
 @pytest.mark.slow
 def test_landers_are_found_within_a_pixel_of_the_map():
     drawn = outcomes(range(DESCENTS))
-    found = [o for o in drawn if not o.refused]
+    result = [o for o in drawn if not o.refused]
     beyond = [(o.seed, o.refused or f"{o.pixels:.2f} pixels") for o in drawn if not o.pixels < 1.0]
     assert len(beyond) <= 0.05 * DESCENTS, beyond
-    for squares in ([o.relative for o in found], [o.total for o in found]):
-        inside = sum(square < chi2.ppf(0.95, 2) for square in squares)
-        low, high = bounds(len(found), 0.95, compared=2)
-        assert low <= inside <= high
+    for squares in ([o.relative for o in result], [o.total for o in result]):
+        contained = sum(square < chi2.ppf(0.95, 2) for square in squares)
+        low, high = bounds(len(result), 0.95, compared=2)
+        assert low <= contained <= high

@@ -36,12 +36,12 @@ def study():
 
 
 def test_displaced_stations_converge_within_their_sigmas(study):
-    found = radioloc.monte_carlo(study, TRIALS, 48.0, seed=3)
-    assert found.linear
-    assert found["converged"].all()
+    result = radioloc.monte_carlo(study, TRIALS, 48.0, seed=3)
+    assert result.linear
+    assert result["converged"].all()
     # Three degrees of freedom a trial: the mean of 150 is known to 0.067.
-    assert found["nees"].mean() / 3.0 == pytest.approx(1.0, abs=3.0 * np.sqrt(2.0 / (3.0 * TRIALS)))
-    assert (found["sigma_up_m"] <= HEIGHT_SIGMA_M).all()
+    assert result["nees"].mean() / 3.0 == pytest.approx(1.0, abs=3.0 * np.sqrt(2.0 / (3.0 * TRIALS)))
+    assert (result["sigma_up_m"] <= HEIGHT_SIGMA_M).all()
 
 
 def test_no_sigma_exceeds_its_prior_and_the_budget_adds_up(study):
@@ -49,7 +49,7 @@ def test_no_sigma_exceeds_its_prior_and_the_budget_adds_up(study):
     assert solution.sigma_enu_m()[2] <= HEIGHT_SIGMA_M
     total_m2 = sum(item.total_m**2 for item in solution.budget)
     assert np.sqrt(total_m2) == pytest.approx(np.linalg.norm(solution.sigma_enu_m()), rel=1e-9)
-    alone = radioloc.locate(
+    fixed_stations = radioloc.locate(
         replace(study, suboptimal=("station_position",)), radioloc.simulate(study).observations
     )
-    assert np.linalg.norm(alone.sigma_enu_m()) > 5.0 * np.linalg.norm(solution.sigma_enu_m())
+    assert np.linalg.norm(fixed_stations.sigma_enu_m()) > 5.0 * np.linalg.norm(solution.sigma_enu_m())

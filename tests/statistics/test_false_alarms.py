@@ -17,10 +17,10 @@ def test_at_most_one_of_a_hundred():
     study = radioloc.read_study("examples/change5/simulation.toml")
     world: World = scenario_of(study).world(model_of(study))
     arc, left_out = prepared_arc(study, world.plan.observations)
-    said = []
+    messages = []
     for seed in range(DRAWS):
         drawn = world.draw(seed=seed, draw_errors=True).observations
         solution = fit_arc(study, arc.with_values(drawn.value_m), left_out, study.estimate)
         assert solution.converged
-        said += [str(item) for item in solution.consistency.found[:1]]
-    assert len(said) <= 1, said
+        messages += [str(item) for item in solution.consistency.found[:1]]
+    assert len(messages) <= 1, messages

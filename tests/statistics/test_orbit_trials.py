@@ -47,12 +47,12 @@ def study(tmp_path_factory):
 
 @pytest.mark.slow
 def test_positions_on_the_arc_are_within_what_is_claimed(study):
-    found = radioloc.monte_carlo(study, trials=TRIALS, hours=6.0)
-    assert found.linear
-    alone = replace(study, target=replace(study.target, gravity_errors=0))
-    noise_m = radioloc.covariance(alone, hours=6.0).longest.sigma_m[0]
+    result = radioloc.monte_carlo(study, trials=TRIALS, hours=6.0)
+    assert result.linear
+    without_gravity = replace(study, target=replace(study.target, gravity_errors=0))
+    noise_m = radioloc.covariance(without_gravity, hours=6.0).longest.sigma_m[0]
     low, _ = binomial_bounds(TRIALS, 0.95)
-    for arc in found.arcs:
+    for arc in result.arcs:
         # Errors of gravity are most of it; who leaves them out claims far too little.
         assert arc.rms_m[0] > 3.0 * noise_m
         # Claims are a little large: the residuals that such errors leave count as noise as well.

@@ -54,11 +54,13 @@ def found_in(stations_m, seed, lasting=0.0):
     network = DelayNetwork.make(epochs=EPOCHS, own_m=0.4, seed=seed)
     rng = np.random.default_rng([seed, 11])
     drive = rng.normal(size=(6, EPOCHS))
-    own = drive if not lasting else np.sqrt(1.0 - lasting) * drive
+    delay_noise_m = drive if not lasting else np.sqrt(1.0 - lasting) * drive
     if lasting:
-        own = own + np.sqrt(lasting) * gauss_markov(rng.normal(size=(6, EPOCHS)), np.exp(-STEP_S / 3600.0))
+        delay_noise_m = delay_noise_m + np.sqrt(lasting) * gauss_markov(
+            rng.normal(size=(6, EPOCHS)), np.exp(-STEP_S / 3600.0)
+        )
     of_stations = network.incidence @ (np.tile(stations_m, EPOCHS) * rng.normal(size=4 * EPOCHS))
-    observed_m = 0.3 * own.T.ravel() + of_stations  # the truth is zero
+    observed_m = 0.3 * delay_noise_m.T.ravel() + of_stations  # the truth is zero
     paths = Labels.of([f"{a}<x>{b}" for a, b in zip(network.first, network.second, strict=True)])
     types = Labels(np.zeros(len(observed_m), dtype=np.int32), ("vlbi_delay",))
     edited = fit_with_variance_components(
@@ -73,8 +75,8 @@ def found_in(stations_m, seed, lasting=0.0):
 
 @pytest.mark.parametrize(("lasting", "runs"), some([(0.0, 300), (0.7, 300), (0.7, 30)], [(0.7, 30)]))
 def test_shared_errors_are_seldom_found_where_there_are_none(lasting, runs):
-    found = sum(bool(found_in(STATIONS_M["none"], seed, lasting).shared_sigma_m) for seed in range(runs))
-    assert found <= runs // 100  # one of a thousand is meant; four of 300 have a chance of 3e-4
+    result = sum(bool(found_in(STATIONS_M["none"], seed, lasting).shared_sigma_m) for seed in range(runs))
+    assert result <= runs // 100  # one of a thousand is meant; four of 300 have a chance of 3e-4
 
 
 @pytest.mark.study

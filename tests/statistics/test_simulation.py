@@ -36,11 +36,11 @@ def nees(world, model, noise):
         / world.plan.observations.sigma_m[:, None]
     )
     information = partials.T @ partials
-    found = []
+    result = []
     for seed in range(RUNS):
         right_side = partials.T @ (world.draw(noise, seed=seed).noise_m / world.plan.observations.sigma_m)
-        found.append(right_side @ np.linalg.solve(information, right_side))
-    return np.array(found)
+        result.append(right_side @ np.linalg.solve(information, right_side))
+    return np.array(result)
 
 
 @pytest.mark.slow
@@ -91,9 +91,9 @@ def test_coloured_noise_has_its_variance_and_correlation_time():
     # From the first epoch on: the process is stationary.
     for lag in (0, 1, 10, 40):
         expected = 4.0 * np.exp(-lag * step_s / 600.0)
-        found = (runs[:, 0] * runs[:, lag]).mean()
+        result = (runs[:, 0] * runs[:, lag]).mean()
         # As above, of 4000 runs; 4.4 standard deviations for 1e-5.
-        assert abs(found - expected) < 4.4 * np.sqrt((16.0 + expected**2) / 4000.0)
+        assert abs(result - expected) < 4.4 * np.sqrt((16.0 + expected**2) / 4000.0)
     assert abs(runs.mean()) < 4.4 * 2.0 / np.sqrt(4000.0)
 
 

@@ -25,9 +25,9 @@ def solution(n, coloured_m, tau_h, seed):
     noise_m = WHITE_M * rng.normal(size=n)
     step_s = model.time_s[3] - model.time_s[0]
     for name in model.biased:
-        mine = model.station == name
-        drive = rng.normal(size=int(mine.sum()))
-        noise_m[mine] += coloured_m * gauss_markov(drive, np.exp(-step_s / (3600.0 * tau_h)))
+        members = model.station == name
+        drive = rng.normal(size=int(members.sum()))
+        noise_m[members] += coloured_m * gauss_markov(drive, np.exp(-step_s / (3600.0 * tau_h)))
     rises_h = np.select([model.station == "A", model.station == "B"], [0.0, 8.0], 9.0)
     up = (model.time_s / 3600.0 + rises_h) % 24.8 < 10.0
     parameters = model.parameters(LANDER_M + np.array([200.0, 300.0, -100.0]))
@@ -56,17 +56,17 @@ def solution(n, coloured_m, tau_h, seed):
 
 def held(n, coloured_m, tau_h):
     """Parts of the runs whose formal, and whose scaled, 95 % ellipsoid holds the truth, and that found something."""
-    inside, alike = np.zeros(2), 0
+    contained, alike = np.zeros(2), 0
     for seed in range(RUNS):
-        found = solution(n, coloured_m, tau_h, seed)
-        assert found.converged
-        error_m = found.position_pa_m - LANDER_M
-        formal, scaled = (found.position_covariance("pa", level) for level in ("formal", "scaled"))
+        result = solution(n, coloured_m, tau_h, seed)
+        assert result.converged
+        error_m = result.position_pa_m - LANDER_M
+        formal, scaled = (result.position_covariance("pa", level) for level in ("formal", "scaled"))
         # Never smaller in any direction.
         assert np.linalg.eigvalsh(scaled - formal).min() > -1e-9 * np.trace(formal)
-        inside += [error_m @ np.linalg.solve(c, error_m) < CHI2_3_95 for c in (formal, scaled)]
-        alike += found.time_correlation is not None
-    return *(inside / RUNS).tolist(), alike / RUNS
+        contained += [error_m @ np.linalg.solve(c, error_m) < CHI2_3_95 for c in (formal, scaled)]
+        alike += result.time_correlation is not None
+    return *(contained / RUNS).tolist(), alike / RUNS
 
 
 # Binomial of 120 at 0.95: 1e-4 and 1 - 1e-4 quantiles are 103 and 120.

@@ -18,10 +18,10 @@ def trial(excess_m, seed):
     truth = rng.standard_normal(3)
     observed_m = partials @ truth + rng.standard_normal(N) * np.hypot(stated_m, excess_m)
     parameters = ParameterSet(Parameter(f"a.{k}", "m", "a") for k in range(3))
-    found = fit_with_variance_components(
+    result = fit_with_variance_components(
         lambda x: (observed_m - partials @ x, partials), parameters, stated_m
     )
-    return found, (found.fit.x - truth) / found.fit.sigmas
+    return result, (result.fit.x - truth) / result.fit.sigmas
 
 
 @pytest.mark.study
@@ -35,9 +35,9 @@ def test_seldom_added_for_nothing():
 def test_size_and_coverage(excess_m):
     excesses, errors = [], []
     for seed in range(TRIALS):
-        found, error = trial(excess_m, seed)
-        assert found.converged
-        excesses.append(found.additive_sigma_m["all"])
+        result, error = trial(excess_m, seed)
+        assert result.converged
+        excesses.append(result.additive_sigma_m["all"])
         errors.append(error)
     # Standard error of the mean: about 1 / sqrt(2 * 57 * 300) = 0.5 % of it; it is biased by as much.
     assert np.mean(excesses) == pytest.approx(excess_m, rel=0.03)
@@ -61,23 +61,23 @@ def stations(seed, counts=(60, 60, 60), own_m=(0.0, 0.0, 0.0), tau_s=0.0, stated
     noise = rng.standard_normal(len(station))
     if tau_s:
         for k in range(3):
-            mine = time_s[station == k]
+            members = time_s[station == k]
             lasting = np.linalg.cholesky(
-                np.exp(-np.abs(mine[:, None] - mine) / tau_s) + 1e-9 * np.eye(len(mine))
+                np.exp(-np.abs(members[:, None] - members) / tau_s) + 1e-9 * np.eye(len(members))
             )
-            noise[station == k] += lasting @ rng.standard_normal(len(mine))
+            noise[station == k] += lasting @ rng.standard_normal(len(members))
         noise /= np.sqrt(2.0)
     truth = rng.standard_normal(6)
     observed_m = partials @ truth + noise * np.hypot(1.0, np.array(own_m)[station])
     paths = Labels(station.astype(np.int32), tuple(f"U>x>{name}" for name in STATIONS))
-    found = fit_with_variance_components(
+    result = fit_with_variance_components(
         lambda x: (observed_m - partials @ x, partials),
         ParameterSet(Parameter(f"a.{k}", "m", "a") for k in range(6)),
         np.full(len(station), stated_m),
         order=SeriesOrder.of(Labels(np.zeros(len(station), dtype=np.int32), ("range",)), paths, time_s),
     )
-    assert found.converged
-    return found, (found.fit.x - truth) / found.fit.sigmas
+    assert result.converged
+    return result, (result.fit.x - truth) / result.fit.sigmas
 
 
 @pytest.mark.study
@@ -89,13 +89,13 @@ def stations(seed, counts=(60, 60, 60), own_m=(0.0, 0.0, 0.0), tau_s=0.0, stated
     ),
 )
 def test_a_station_is_seldom_singled_out_for_nothing(case):
-    own = [
+    separate = [
         name
         for seed in range(TRIALS)
         for name in stations(seed, **case)[0].additive_sigma_m
         if " of " in name
     ]
-    assert len(own) <= 3  # one of a thousand is meant; four of 300 have a chance of 3e-4
+    assert len(separate) <= 3  # one of a thousand is meant; four of 300 have a chance of 3e-4
 
 
 @pytest.mark.slow
@@ -106,8 +106,8 @@ def test_a_station_is_seldom_singled_out_for_nothing(case):
 def test_noise_of_a_station(own_m, counts, found_in):
     sizes_m, errors = [], []
     for seed in range(TRIALS // 2):
-        found, error = stations(seed, counts, (own_m, 0.0, 0.0))
-        if (size_m := found.additive_sigma_m.get("range of A")) is not None:
+        result, error = stations(seed, counts, (own_m, 0.0, 0.0))
+        if (size_m := result.additive_sigma_m.get("range of A")) is not None:
             sizes_m.append(size_m)
         errors.append(error)
     assert len(sizes_m) >= found_in * (TRIALS // 2)
@@ -121,12 +121,12 @@ def test_noise_of_a_station(own_m, counts, found_in):
 
 
 def test_one_quiet_station_of_three():
-    found, _ = stations(0, own_m=(5.0, 5.0, 0.0))
-    assert found.additive_sigma_m["range"] == pytest.approx(5.0, rel=0.2)
-    assert found.additive_sigma_m["range of C"] == pytest.approx(np.sqrt(1.0 - 0.25), rel=0.3)
+    result, _ = stations(0, own_m=(5.0, 5.0, 0.0))
+    assert result.additive_sigma_m["range"] == pytest.approx(5.0, rel=0.2)
+    assert result.additive_sigma_m["range of C"] == pytest.approx(np.sqrt(1.0 - 0.25), rel=0.3)
 
 
 def test_a_station_within_its_sigmas_is_left_alone():
     """Others are quieter than stated, which is no reason to add noise to it."""
-    found, _ = stations(1, own_m=(2.0, 0.0, 0.0), stated_m=3.0)
-    assert found.additive_sigma_m == {"range": 0.0}
+    result, _ = stations(1, own_m=(2.0, 0.0, 0.0), stated_m=3.0)
+    assert result.additive_sigma_m == {"range": 0.0}

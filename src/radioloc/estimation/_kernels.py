@@ -54,20 +54,20 @@ def filter_grid(
 def eliminate(products: Floats) -> tuple[Floats, Floats]:
     """Log det(1 + A^T A) and the squares left of r, from products (m, m, cells) of columns A and, last, r."""
     m, cells = products.shape[1:]
-    left, log_determinant, row = products.copy(), np.zeros(cells), np.empty(cells)
+    matrix, log_determinant, row = products.copy(), np.zeros(cells), np.empty(cells)
     for j in range(m - 1):
-        pivot = left[j, j]
+        pivot = matrix[j, j]
         for g in range(cells):
             pivot[g] += 1.0
             log_determinant[g] += math.log(pivot[g])
         for k in range(j + 1, m):
             for g in range(cells):
-                row[g] = left[j, k, g] / pivot[g]
+                row[g] = matrix[j, k, g] / pivot[g]
             for i in range(k, m):
-                into, other = left[k, i], left[j, i]
+                target, pivot_row = matrix[k, i], matrix[j, i]
                 for g in range(cells):
-                    into[g] -= row[g] * other[g]
-    return log_determinant, left[m - 1, m - 1]
+                    target[g] -= row[g] * pivot_row[g]
+    return log_determinant, matrix[m - 1, m - 1]
 
 
 @compiled(error_model="numpy")
@@ -78,29 +78,34 @@ def _update(
     p, cells = kalman.shape
     variance[:] = 1.0
     for a in range(p):
-        into, d, q, own = kalman[a], factor[a], stationary[a], covariance[a, a]
-        into[:] = 0.0
+        cross_covariance, own_decay, process_variance, own_variance = (
+            kalman[a],
+            factor[a],
+            stationary[a],
+            covariance[a, a],
+        )
+        cross_covariance[:] = 0.0
         for b in range(p):
-            one, other = covariance[a, b], factor[b]
+            element, decay = covariance[a, b], factor[b]
             for g in range(cells):
-                one[g] *= d[g] * other[g]
+                element[g] *= own_decay[g] * decay[g]
         for g in range(cells):
-            own[g] += q[g] * (1.0 - d[g] * d[g])
+            own_variance[g] += process_variance[g] * (1.0 - own_decay[g] * own_decay[g])
         for b in range(p):
-            one = covariance[a, b]
+            element = covariance[a, b]
             for g in range(cells):
-                into[g] += gain * one[g]
+                cross_covariance[g] += gain * element[g]
         for g in range(cells):
-            variance[g] += gain * into[g]
+            variance[g] += gain * cross_covariance[g]
     for a in range(p):
-        into = kalman[a]
+        cross_covariance = kalman[a]
         for g in range(cells):
-            into[g] /= variance[g]
+            cross_covariance[g] /= variance[g]
     for a in range(p):
         for b in range(p):
-            one, left, right = covariance[a, b], kalman[a], kalman[b]
+            element, gain_a, gain_b = covariance[a, b], kalman[a], kalman[b]
             for g in range(cells):
-                one[g] -= left[g] * right[g] * variance[g]
+                element[g] -= gain_a[g] * gain_b[g] * variance[g]
 
 
 @compiled(error_model="numpy")
@@ -110,17 +115,17 @@ def _innovate(
     """Innovations (m, cells) of a row of columns (m,), and the states of the processes behind it."""
     m, p, cells = state.shape
     for j in range(m):
-        left = innovation[j]
-        left[:] = columns[j]
+        row_innovation = innovation[j]
+        row_innovation[:] = columns[j]
         for a in range(p):
-            known, d = state[j, a], factor[a]
+            process_state, decay = state[j, a], factor[a]
             for g in range(cells):
-                known[g] *= d[g]
-                left[g] -= gain * known[g]
+                process_state[g] *= decay[g]
+                row_innovation[g] -= gain * process_state[g]
         for a in range(p):
-            known, k = state[j, a], kalman[a]
+            process_state, process_gain = state[j, a], kalman[a]
             for g in range(cells):
-                known[g] += k[g] * left[g]
+                process_state[g] += process_gain[g] * row_innovation[g]
 
 
 @compiled(error_model="numpy")
@@ -128,13 +133,13 @@ def _add_products(innovation: Floats, variance: Floats, products: Floats) -> Non
     """Add the upper products of innovations over their variance."""
     m, cells = innovation.shape
     for j in range(m):
-        left = innovation[j]
+        weighted = innovation[j]
         for g in range(cells):
-            left[g] /= variance[g]
-        into = products[j, j]
+            weighted[g] /= variance[g]
+        product = products[j, j]
         for g in range(cells):
-            into[g] += left[g] * left[g] * variance[g]
+            product[g] += weighted[g] * weighted[g] * variance[g]
         for k in range(j + 1, m):
-            into, right = products[j, k], innovation[k]
+            product, row_innovation = products[j, k], innovation[k]
             for g in range(cells):
-                into[g] += left[g] * right[g]
+                product[g] += weighted[g] * row_innovation[g]

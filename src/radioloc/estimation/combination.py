@@ -125,7 +125,7 @@ class PositionEstimate:
     def from_solution(cls, content: Mapping[str, Any]) -> PositionEstimate:
         """Read the estimate of ``solution.json``; :class:`InputError` for a target without a position."""
         if not content["position"]:
-            raise InputError(f"{content['name']}: the target moves along a trajectory; there is no position")
+            raise InputError(f"{content['name']}: expected a position, got a target on a trajectory")
         provenance = content["provenance"]
         study = provenance.get("study") or {}
         errors = {item["name"]: np.array(item["position_enu_m"]) for item in content.get("considered", ())}
@@ -271,7 +271,7 @@ class JointEstimate:
         return _chance(self.chi2, self.dof) if self.dof else None
 
 
-def agreement(one: PositionEstimate, two: PositionEstimate, *, horizontal: bool = False) -> Agreement:
+def agreement(first: PositionEstimate, second: PositionEstimate, *, horizontal: bool = False) -> Agreement:
     """Compare two estimates by the covariance that their difference should have.
 
     Estimates from different data are independent but for errors and a-priori values of the same name. An estimate from
@@ -279,23 +279,23 @@ def agreement(one: PositionEstimate, two: PositionEstimate, *, horizontal: bool 
     less that of the whole (Hausman 1978), in which errors are that both are weighed by, and what the other errors move
     the one otherwise than the other.
     """
-    difference_m = local_difference(one.position_me_m, two.position_me_m).enu_m
-    result = Agreement(one.name, two.name, tuple(difference_m.tolist()))
-    one, has_own_data = one.carried_to(two.position_me_m), np.ones(3, dtype=bool)
-    if one.contains(two) or two.contains(one):
-        part, total = (two, one) if one.contains(two) else (one, two)
+    difference_m = local_difference(first.position_me_m, second.position_me_m).enu_m
+    result = Agreement(first.name, second.name, tuple(difference_m.tolist()))
+    first, has_own_data = first.carried_to(second.position_me_m), np.ones(3, dtype=bool)
+    if first.contains(second) or second.contains(first):
+        part, total = (second, first) if first.contains(second) else (first, second)
         covariance = part.noise_enu_m2 - total.noise_enu_m2
-        for name in dict.fromkeys([*one.errors_enu_m, *two.errors_enu_m]):
+        for name in dict.fromkeys([*first.errors_enu_m, *second.errors_enu_m]):
             of_part, of_whole = (estimate.errors_enu_m.get(name, np.zeros(3)) for estimate in (part, total))
             if name in part.in_weights | total.in_weights:
                 covariance = covariance + np.outer(of_part, of_part) - np.outer(of_whole, of_whole)
             else:
                 covariance = covariance + np.outer(of_part - of_whole, of_part - of_whole)
-    elif one.shares_data(two):
+    elif first.shares_data(second):
         return replace(result, why="they share observations")
     else:
-        common = one.common_covariance(two)
-        sum_m2 = one.total_enu_m2 + two.total_enu_m2
+        common = first.common_covariance(second)
+        sum_m2 = first.total_enu_m2 + second.total_enu_m2
         covariance = sum_m2 - common - common.T
         has_own_data = np.diag(covariance) > _MIN_OWN_FRACTION * np.diag(sum_m2)
     components = np.flatnonzero(
@@ -369,9 +369,9 @@ def _chance(statistic: float, dof: int) -> float:
     return float(chdtrc(dof, statistic))
 
 
-def _overlap(one_utc: tuple[str, str], two_utc: tuple[str, str]) -> float:
+def _overlap(first_utc: tuple[str, str], second_utc: tuple[str, str]) -> float:
     """Correlation of the means of white noise over two spans of time."""
-    ends = utc_to_tai(epochs_from_strings([*one_utc, *two_utc], "UTC"))
+    ends = utc_to_tai(epochs_from_strings([*first_utc, *second_utc], "UTC"))
     ends_s = ends.seconds_since(ends[[0, 0, 0, 0]]).reshape(2, 2).tolist()
     (first, last), (other_first, other_last) = ((start, max(end, start + 1.0)) for start, end in ends_s)
     common_s = min(last, other_last) - max(first, other_first)

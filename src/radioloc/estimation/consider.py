@@ -105,7 +105,7 @@ def reported(fit: FitResult, covariance: Floats, suboptimal: ConsideredErrors | 
     # An estimate follows an a-priori value, and goes against the error of one.
     shifts = -effects[np.ix_(estimated, considered_indices)]
     shifts[np.isinf(np.diag(formal))] = 0.0
-    formal, scaled = (_without(matrix, shifts @ shifts.T) for matrix in (formal, scaled))
+    formal, scaled = (_subtract(matrix, shifts @ shifts.T) for matrix in (formal, scaled))
     in_weights = tuple(dict.fromkeys(item.kind for item in items))
     if suboptimal is not None:
         shifts = np.hstack([shifts, sensitivity(fit, suboptimal).sensitivity[estimated]])
@@ -126,7 +126,7 @@ def sensitivity(fit: FitResult, suboptimal: ConsideredErrors) -> Consider:
     return Consider(suboptimal.parameters, shifts * suboptimal.parameters.prior_sigmas)
 
 
-def _without(covariance: Floats, part: Floats) -> Floats:
+def _subtract(covariance: Floats, part: Floats) -> Floats:
     """Subtract a part of a covariance; variances that rounding makes negative are zero."""
     difference = covariance - part
     np.fill_diagonal(difference, np.maximum(np.diag(difference), 0.0))

@@ -226,7 +226,7 @@ def noise_of_series(
         for indices in groups.values()
         if length[indices].max() >= MIN_POINTS_LEFT
     ]
-    long_likelihoods = [series.among(series.points_left >= MIN_POINTS_LEFT) for series in likelihoods]
+    long_likelihoods = [series.select(series.points_left >= MIN_POINTS_LEFT) for series in likelihoods]
     long_likelihoods = [series for series in long_likelihoods if series.data]
     for likelihood in long_likelihoods:
         threshold = -math.log(_SIGNIFICANCE_LEVEL / len(long_likelihoods))
@@ -292,19 +292,19 @@ class RestrictedLikelihood:
         return cls(points, tuple(data), jointly)
 
     @property
-    def mine(self) -> NDArray[np.intp]:
+    def indices(self) -> NDArray[np.intp]:
         """Indices of the series."""
         return np.array([item.number for item in self.data], dtype=np.intp)
 
-    def among(self, some: NDArray[np.bool_]) -> RestrictedLikelihood:
+    def select(self, mask: NDArray[np.bool_]) -> RestrictedLikelihood:
         """Likelihood of some of these series."""
-        return replace(self, data=tuple(itertools.compress(self.data, some)))
+        return replace(self, data=tuple(itertools.compress(self.data, mask)))
 
     @property
     def points_left(self) -> Floats:
         """Points of each series less those that the parameters absorb, (s,); zero for residuals of zero."""
         counts = np.array([len(item.step_s) - item.absorbed for item in self.data])
-        return np.where(self.points.squares[self.mine] > 0.0, counts, 0.0)
+        return np.where(self.points.squares[self.indices] > 0.0, counts, 0.0)
 
     def at(self, tau_s: Floats, ratio: Floats, part: Floats | None = None) -> tuple[Floats, Floats, Floats]:
         """Log likelihoods of each and variances w, (s, cells), and log likelihoods of all together, (cells,)."""
@@ -385,12 +385,12 @@ def _taken_over(
     }
     white = set[int]()
     for likelihood in likelihoods:
-        is_short = np.array([k in kind_of for k in likelihood.mine.tolist()])
+        is_short = np.array([k in kind_of for k in likelihood.indices.tolist()])
         if is_short.any():
-            short_series = likelihood.among(is_short)
-            mean = means[kind_of[int(short_series.mine[0])]]
+            short_series = likelihood.select(is_short)
+            mean = means[kind_of[int(short_series.indices[0])]]
             log, _, _ = short_series.at(np.array([mean.correlation_time_s]), np.array([mean.ratio]))
-            white |= set(short_series.mine[log[:, 0] <= -_LOG_BAYES_FACTOR_WHITE].tolist())
+            white |= set(short_series.indices[log[:, 0] <= -_LOG_BAYES_FACTOR_WHITE].tolist())
     return {k: means[kind] for k, kind in kind_of.items() if k not in white}
 
 
@@ -398,7 +398,7 @@ def _fitted(likelihood: RestrictedLikelihood, threshold: float) -> dict[int, Ser
     """Noise of each series of a group; none where the group shows no correlation."""
     from scipy.linalg import block_diag
 
-    points, indices = likelihood.points, likelihood.mine
+    points, indices = likelihood.points, likelihood.indices
     tau_s = _tried_taus_s(points, indices)
     coarse_taus_s, coarse_ratios = tau_s[::_COARSE_TAU_STEP], RATIOS[::_COARSE_RATIO_STEP]
     _, _, joint = likelihood.at(coarse_taus_s, coarse_ratios)

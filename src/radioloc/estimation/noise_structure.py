@@ -6,15 +6,16 @@ tests must agree: Fisher's, of the ratio of two variances, which is exact for fe
 of the logarithms of their means, each against the scatter of the means of tenths of the time, which holds as well where
 residuals are correlated in time, shared by the baselines of an epoch, or not normal.
 
-The delays of one epoch between three stations or more close: A to B and B to C less A to C is nothing but the
-baselines' own noise, whatever the arrival times at the stations are off by. Where the other combinations of residuals
-are significantly larger than these, and nobody has stated errors of stations, their covariance is
+The delays of one epoch between three or more stations close: the sum of A to B and B to C less A to C has the noise of
+the baselines only, whatever the errors of the arrival times. Where other combinations of residuals are significantly
+larger, and the study states no errors of stations, the covariance of the delays is
 
-    C = own variance, in parts of the squares of the sigmas, + sum over stations s of var_s b_s b_s^T,
+    C = diag(baseline variances) + sum over stations s of var_s b_s b_s^T,
 
-b_s being the signs with which the arrival at s is in the delays. Its components are found by least squares that are
-weighed by C itself, iterated: restricted maximum likelihood of normal errors (Anderson 1973; Koch 1999, section 3.6).
-Means of tenths of the time are taken off first: clocks, air and what parameters absorb are no noise of an epoch.
+with the signs b_s of the arrival at s in the delays, and baseline variances in proportion to the squared sigmas. Its
+components are estimated by iterated least squares with weights C^-1: restricted maximum likelihood of normal errors
+(Anderson 1973; Koch 1999, section 3.6). Means over tenths of the time, with the effects of clocks, troposphere and
+parameters, are subtracted first.
 """
 
 from __future__ import annotations
@@ -32,20 +33,22 @@ from radioloc.labels import Labels, distinct
 from radioloc.noise.covariance import ALONE, ObservationCovariance, SharedAtEpoch, White
 from radioloc.vectors import Floats
 
-MIN_OBSERVATIONS = 10  # that determine a variance, to a quarter of the standard deviation
+MIN_OBSERVATIONS = 10  # observations that determine a variance: the standard deviation to a quarter
 _BATCHES = 10
-"""Parts of the time whose means are compared, or taken off: of two days each is longer than errors of a link stay
-correlated."""
+"""Number of parts of the time whose means are compared or subtracted: a tenth of two days is longer than the usual
+correlation time of a link."""
 SAME_EPOCH_S = 0.05
 """A delay is tagged with the arrival at its first station. One wavefront meets all stations within 43 ms, the light
-time through the Earth; epochs 0.1 s apart or more can be told from each other."""
+time through the Earth; epochs 0.1 s apart or more are distinct."""
 _MAX_STEPS = 20
-_SETTLED = 1e-6
-_MIN_OWN_VARIANCE_FRACTION = 1e-2  # of delays: below, closures would weigh as if they were exact
-_MAX_STATION_SIGMA_RATIO = 1e3  # over the delays' own; beyond, it is an error of the model
+_STEP_TOLERANCE = 1e-6  # relative change of the components at convergence
+_MIN_OWN_VARIANCE_FRACTION = 1e-2  # smallest baseline variance in a step; zero would make closures exact
+_MAX_STATION_SIGMA_RATIO = (
+    1e3  # largest sigma of a station over that of a baseline; more is an error of the model
+)
 _ROUNDING = 1e-9
-_LEAST_SQUARES = 1e-99  # sum of squares of residuals that are nothing but rounding
-_MIN_VARIANCE_RATIO = 2.0  # of a station to all, from which on each has its own
+_MIN_SQUARE_SUM = 1e-99  # sum of squares of residuals of zero
+_MIN_VARIANCE_RATIO = 2.0  # ratio of the variance of a station to the mean, for variances of each station
 
 
 def by_link(order: SeriesOrder, gap_s: float = np.inf) -> Labels:
@@ -69,7 +72,7 @@ def by_link(order: SeriesOrder, gap_s: float = np.inf) -> Labels:
 
 
 def split(fit: FitResult, order: SeriesOrder, groups: Labels, added_m: Mapping[str, float]) -> Labels | None:
-    """Groups after the station or link that differs most from the rest of its group has become one; or none.
+    """Groups with the most different station or link as a further group; None if no difference is significant.
 
     Without it, errors exceed their sigmas where one station of three is three times as noisy as the others
     (`tests/statistics/test_variance_components.py`).
@@ -88,8 +91,8 @@ def split(fit: FitResult, order: SeriesOrder, groups: Labels, added_m: Mapping[s
     chances = chances_of_noisier(sums, numbers, numbers.sum(axis=2))
     # Of the significant ones the division that raises the likelihood most: the noisy station, not the quiet ones.
     total, count = sums.sum(axis=2), numbers.sum(axis=2)
-    scatter = np.log(np.maximum(total, _LEAST_SQUARES) / np.maximum(count, 1.0))
-    of_both = np.log(np.maximum(total.sum(axis=1), _LEAST_SQUARES) / count.sum(axis=1))
+    scatter = np.log(np.maximum(total, _MIN_SQUARE_SUM) / np.maximum(count, 1.0))
+    of_both = np.log(np.maximum(total.sum(axis=1), _MIN_SQUARE_SUM) / count.sum(axis=1))
     gain = of_both * count.sum(axis=1) - (count * scatter).sum(axis=1)
     significant = np.flatnonzero(chances <= limit)
     for k in significant[np.argsort(-gain[significant], kind="stable")].tolist():
@@ -109,7 +112,7 @@ def split(fit: FitResult, order: SeriesOrder, groups: Labels, added_m: Mapping[s
 def _candidates(
     order: SeriesOrder, groups: Labels, codes: NDArray[np.intp]
 ) -> Iterator[tuple[str, NDArray[np.bool_]]]:
-    """Name of each station that receives and of each link, and rows of its series and the others, (2, series)."""
+    """Yield each receiving station and link, with masks of its series and of the other ones, (2, series)."""
     group_of = np.full(len(order.series), -1)
     group_of[order.code] = groups.codes
     name_of_part: dict[tuple[int, tuple[int, ...]], str] = {}
@@ -143,7 +146,7 @@ def _of_batches(fit: FitResult, order: SeriesOrder) -> tuple[Floats, Floats]:
 
 
 def chances_of_noisier(sums: Floats, numbers: Floats, dof: Floats) -> Floats:
-    """Chances that the first side of each pair is as much noisier than the second, one where it is not."""
+    """P-values of the larger noise of the first side of each pair; one if the second is noisier."""
     from scipy.special import fdtrc, stdtr
 
     # Sums and numbers of the batches have shape (..., 2, batches), degrees of freedom (..., 2).
@@ -167,7 +170,7 @@ def chances_of_noisier(sums: Floats, numbers: Floats, dof: Floats) -> Floats:
 
 
 def _dof(fit: FitResult, members: NDArray[np.bool_]) -> float:
-    """Used observations of a group less what the parameters take of them, the trace of the hat matrix over them."""
+    """Used observations of a group less the sum of their leverages."""
     used = fit.used & members
     leverage = sum(
         float(np.square(part).sum()) for part in fit.noise.whitener(used).whitened(fit.unit_partials())
@@ -203,7 +206,7 @@ class _Pattern:
 def noise_with_shared(
     fit: FitResult, order: SeriesOrder, delay_sigma_m: Floats
 ) -> tuple[ObservationCovariance, dict[str, float]] | None:
-    """Noise in which delays share errors of their stations, and those by type and station, m; or none.
+    """Covariance with shared errors of stations in delays, and their sigmas, m; None if not significant.
 
     Without it, the covariance is half of what it should be where stations have errors of their own
     (`tests/statistics/test_shared_errors.py`).
@@ -292,7 +295,7 @@ def _patterns(
 
 
 def _components(patterns: Sequence[_Pattern], stations: int) -> Floats | None:
-    """Own variance in parts of the squared sigmas, then the variances of stations, m^2; none without significance."""
+    """Baseline variance over the squared sigmas and variances of stations, m^2; None if not significant."""
     if not patterns:
         return None
     sides = [pattern.sides() for pattern in patterns]
@@ -348,7 +351,7 @@ def _likeliest(matrices: Floats, squares: Floats, fillers: Floats, dof: Floats) 
         components[0] = max(
             components[0], _MIN_OWN_VARIANCE_FRACTION * previous[0], min_fraction * components[1:].max()
         )
-        if np.abs(components - previous).max() <= _SETTLED * components.max():
+        if np.abs(components - previous).max() <= _STEP_TOLERANCE * components.max():
             break
     covariance = fillers + np.tensordot(components, matrices, 1)
     likelihood = dof @ np.linalg.slogdet(covariance)[1]

@@ -91,13 +91,13 @@ def sample_of(residuals: Residuals) -> list[dict[str, Any]]:
     ]
 
 
-def share_observations(one: Iterable[SampledSeries], two: Sequence[SampledSeries]) -> bool:
+def share_observations(first_sample: Iterable[SampledSeries], second_sample: Sequence[SampledSeries]) -> bool:
     """Return whether most sampled observations of one path, type and epoch have the same values in both."""
     # Values may differ by a constant in each series, as another calibration adds. Counts of another length over the
     # same time are of the same cycles.
     totals = np.zeros(2, dtype=np.int64)
-    for first in one:
-        for second in two:
+    for first in first_sample:
+        for second in second_sample:
             if (first.stations, first.type) != (second.stations, second.type):
                 continue
             separation_s = np.abs(first.utc_s[:, None] - second.utc_s)

@@ -102,7 +102,7 @@ class _Problem:
     residual_function: ResidualFunction
     parameters: ParameterSet
     stated: ObservationCovariance
-    given: Labels
+    initial_status: Labels
     threshold: float | None
 
     def fit_with(self, added_m: Floats, previous: EditedFit) -> EditedFit:
@@ -111,7 +111,7 @@ class _Problem:
             self.residual_function,
             self.parameters,
             self.stated.plus(White(added_m)),
-            status=self.given,
+            status=self.initial_status,
             threshold=self.threshold,
             previous=previous if previous.converged else None,
         )
@@ -146,7 +146,7 @@ class _Problem:
             if probability is None:
                 # A group that is consistent with its stated sigmas keeps a component of zero.
                 wanted_m = np.where(tried_m[1] > 0.0, wanted_m, 0.0)
-            if _same(wanted_m, tried_m[-1]):
+            if _is_settled(wanted_m, tried_m[-1]):
                 break
             tried_m.append(wanted_m)
             edited = self.fit_with(wanted_m[group], edited)
@@ -168,7 +168,7 @@ def _wanted_m(
 ) -> Floats:
     """Component of each group by its residuals, m; white noise in a block is the same in each combination."""
     fit = edited.fit
-    leverage = part_of_parameters(fit)
+    leverage = mean_leverage(fit)
     wanted_m = np.zeros(count)
     for k in range(count):
         members = fit.used & (group == k)
@@ -195,7 +195,7 @@ def _squares_of(
     return sum(float(np.square(part).sum()) for part in whitened(column(fit.residual_m)))
 
 
-def part_of_parameters(fit: FitResult) -> float:
+def mean_leverage(fit: FitResult) -> float:
     """Mean leverage of the used observations, the trace of the hat matrix over their number."""
     # A parameter of variance C and a-priori variance s^2 contributes 1 - C / s^2, an undetermined direction zero.
     free = fit.parameters.free
@@ -206,8 +206,8 @@ def part_of_parameters(fit: FitResult) -> float:
     return float(fit.factor.determined.sum() - a_priori.sum() + absorbed) / max(int(fit.used.sum()), 1)
 
 
-def _same(one_m: Floats, other_m: Floats) -> bool:
-    return bool((np.abs(one_m - other_m) <= _SETTLED_FRACTION * one_m).all())
+def _is_settled(sigma_m: Floats, previous_m: Floats) -> bool:
+    return bool((np.abs(sigma_m - previous_m) <= _SETTLED_FRACTION * sigma_m).all())
 
 
 def additive_sigma_m(

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.estimation.editing import EditedFit
 from radioloc.estimation.least_squares import FitStatus
-from radioloc.estimation.variance_components import part_of_parameters
+from radioloc.estimation.variance_components import mean_leverage
 from radioloc.labels import USED, Labels
 from radioloc.measurements.registry import KINDS, is_integrated
 from radioloc.results.solution import Solution
@@ -39,7 +39,7 @@ def misfits(edited: EditedFit, stated_m: NDArray[np.float64], types: Labels) -> 
     """Doubt types with used residuals far beyond their stated sigmas (n,), or with more outliers than used values."""
     fit = edited.fit
     usable = edited.initial_status.are(USED)
-    free_part = part_of_parameters(fit)
+    free_part = mean_leverage(fit)
     beyond, floored = [], ""
     for name in types.present():
         rows = fit.used & types.are(name)

@@ -54,7 +54,7 @@ def test_a_priori_values_and_noise_are_told_apart():
         wrong = np.where(np.arange(3) == k, prior, 0.0)
         assert effects[:, k] == pytest.approx(fitted(np.zeros(40), wrong).x, abs=1e-12)
     assert not effects[:, 2].any()
-    of_noise = np.array([fitted(sigma * one).x for one in np.eye(40)]).T
+    of_noise = np.array([fitted(sigma * entry).x for entry in np.eye(40)]).T
     assert of_noise @ of_noise.T == pytest.approx(fit.covariance - effects @ effects.T, abs=1e-12)
 
 
@@ -75,7 +75,7 @@ def test_the_budget_adds_up(solution):
     [item] = [item for item in budget if (item.source, item.name) == ("zenith_delay", "KASHI")]
     assert item.total_m**2 == pytest.approx(np.sum([np.square(r["position_enu_m"]) for r in kashi]))
     wholes = by_source(budget)
-    assert sum(whole.total_m**2 for whole in wholes) == pytest.approx(np.sum(np.square(totals)))
+    assert sum(total.total_m**2 for total in wholes) == pytest.approx(np.sum(np.square(totals)))
 
 
 def test_errors_in_common_cancel_between_arcs(solution):
@@ -84,8 +84,8 @@ def test_errors_in_common_cancel_between_arcs(solution):
     part = replace(
         solution, position_pa_m=solution.position_pa_m + moved_m, covariance=1.5 * solution.covariance
     )
-    same = horizontal_sigmas(part, solution)
-    without = horizontal_sigmas(replace(part, consider=None), replace(solution, consider=None))
-    assert same == pytest.approx(without)
+    common = horizontal_sigmas(part, solution)
+    reference = horizontal_sigmas(replace(part, consider=None), replace(solution, consider=None))
+    assert common == pytest.approx(reference)
     considered = replace(solution.consider, sensitivity=10.0 * solution.consider.sensitivity)
-    assert horizontal_sigmas(replace(part, consider=considered), solution) < 0.8 * same
+    assert horizontal_sigmas(replace(part, consider=considered), solution) < 0.8 * common

@@ -43,35 +43,35 @@ def test_groups_are_links_and_their_passes():
 
 
 def test_passes_of_few_observations_are_those_of_their_type():
-    kept = np.flatnonzero((PASS != 1) | (np.arange(len(PASS)) % 20 == 0))
-    few = SeriesOrder.of(ORDER.types.select(kept), PATHS.select(kept), TIME_S[kept])
-    assert set(by_link(few, 14400.0).present()) == {"doppler", *PASSES.present()} - {"doppler of A>x>A 2"}
+    selected = np.flatnonzero((PASS != 1) | (np.arange(len(PASS)) % 20 == 0))
+    reduced = SeriesOrder.of(ORDER.types.select(selected), PATHS.select(selected), TIME_S[selected])
+    assert set(by_link(reduced, 14400.0).present()) == {"doppler", *PASSES.present()} - {"doppler of A>x>A 2"}
 
 
 def test_each_pass_is_weighed_as_its_residuals_are():
-    found = drawn(1)(PASSES)
-    assert found.converged
+    result = drawn(1)(PASSES)
+    assert result.converged
     # A sigma is known from 100 observations to 7 %
     expected_m = {
         name: np.sqrt(noise_m**2 - 1.0) for name, noise_m in zip(PASSES.texts, NOISE_M, strict=True)
     }
-    for name, added_m in found.additive_sigma_m.items():
+    for name, added_m in result.additive_sigma_m.items():
         assert added_m == pytest.approx(expected_m[name], rel=0.25, abs=0.5)
 
 
 def test_a_pass_thirty_times_as_noisy_as_stated_is_not_left_out_but_outliers_are():
-    found = drawn(2, outliers=(5, 250))(PASSES)
-    assert np.flatnonzero(~found.fit.used).tolist() == [5, 250]
+    result = drawn(2, outliers=(5, 250))(PASSES)
+    assert np.flatnonzero(~result.fit.used).tolist() == [5, 250]
 
 
 @pytest.mark.slow
 def test_claimed_sigmas_are_those_of_the_errors_and_smaller_than_with_a_component_of_the_type():
     fits = [drawn(seed)(PASSES) for seed in range(150)]
-    off = np.array([one.fit.x / one.fit.sigmas for one in fits])
+    off = np.array([item.fit.x / item.fit.sigmas for item in fits])
     # Normal of 150: an rms of 1 to 15 % but for a chance of 1 %
     assert np.sqrt((off**2).mean(axis=0)) == pytest.approx([1.0, 1.0], rel=0.15)
-    together = [drawn(seed)(ORDER.types) for seed in range(20)]
-    assert np.std([one.fit.x[0] for one in fits]) < 0.5 * np.std([one.fit.x[0] for one in together])
+    joint = [drawn(seed)(ORDER.types) for seed in range(20)]
+    assert np.std([item.fit.x[0] for item in fits]) < 0.5 * np.std([item.fit.x[0] for item in joint])
 
 
 @pytest.fixture(scope="module")
@@ -88,8 +88,8 @@ def test_a_study_asks_for_them(tracking):
     solution = radioloc.locate(Study(target=change5_case.NEAR, estimate=estimate), observations)
     added = solution.fit.excess_noise_m
     noisy_ones = [size for name, size in added.items() if "KASHI>lander>KASHI" in name]
-    others = [size for name, size in added.items() if "KASHI>lander>KASHI" not in name]
-    assert min(noisy_ones) > 10.0 > 3.0 > max(others)
+    remaining = [size for name, size in added.items() if "KASHI>lander>KASHI" not in name]
+    assert min(noisy_ones) > 10.0 > 3.0 > max(remaining)
     assert solution.to_dict()["provenance"]["estimate"]["variance_components"] == "link and pass"
     assert "noise added in quadrature" in str(solution)
     quiet = radioloc.locate(Study(target=change5_case.NEAR, estimate=estimate), tracking)

@@ -38,17 +38,17 @@ def fitted(observed):
 def test_sensitivity_is_what_the_estimate_does():
     observed = DESIGN @ np.array([3.0, 1.2, 0.0])
     fit = fitted(observed)
-    found = reported(fit, fit.covariance, ERRORS).consider
+    result = reported(fit, fit.covariance, ERRORS).consider
     for k, sigma in ((0, 0.7), (1, 3.0)):
         moved = fitted(observed + sigma * EFFECTS[:, k]).x - fit.x
-        assert found.sensitivity[:2, k] == pytest.approx(moved[:2], abs=1e-12)
-    assert not found.sensitivity[2].any()
-    assert found.covariance == pytest.approx(found.sensitivity @ found.sensitivity.T)
+        assert result.sensitivity[:2, k] == pytest.approx(moved[:2], abs=1e-12)
+    assert not result.sensitivity[2].any()
+    assert result.covariance == pytest.approx(result.sensitivity @ result.sensitivity.T)
     north = np.array([[0.0, 1.0, 0.0]])
-    moved = {record["name"]: record["position_enu_m"] for record in found.to_list(north)}
+    moved = {record["name"]: record["position_enu_m"] for record in result.to_list(north)}
     assert list(moved) == sorted(moved, key=lambda name: -abs(moved[name][0]))
     assert set(moved) == {"c", "d"}
-    assert moved["d"] == pytest.approx([found.sensitivity[1, 1]])
+    assert moved["d"] == pytest.approx([result.sensitivity[1, 1]])
 
 
 @pytest.mark.study
@@ -67,9 +67,9 @@ def test_covariance_of_drawn_errors():
 
 def adjusted(observed, errors=ERRORS.parameters, effects=EFFECTS):
     """A fit with considered parameters in its weights."""
-    both = np.hstack([DESIGN, effects])
+    pair = np.hstack([DESIGN, effects])
     parameters = ParameterSet([*PARAMETERS, *errors])
-    return fit_least_squares(lambda x: (observed - both @ x, both), parameters, SIGMA)
+    return fit_least_squares(lambda x: (observed - pair @ x, pair), parameters, SIGMA)
 
 
 def test_weights_with_considered_errors_are_those_of_the_dense_covariance():
@@ -77,8 +77,8 @@ def test_weights_with_considered_errors_are_those_of_the_dense_covariance():
     errors = ParameterSet([replace(item, prior_value=0.0) for item in ERRORS.parameters])
     observed = DESIGN @ np.array([3.0, 1.2, 0.0]) + SIGMA * RNG.normal(size=60)
     fit = adjusted(observed, errors)
-    known = EFFECTS * [0.7, 3.0]
-    inverse = np.linalg.inv(np.diag(SIGMA**2) + known @ known.T)
+    prior = EFFECTS * [0.7, 3.0]
+    inverse = np.linalg.inv(np.diag(SIGMA**2) + prior @ prior.T)
     free = DESIGN[:, :2]
     covariance = np.linalg.inv(free.T @ inverse @ free + np.diag([0.0, 0.5**-2.0]))
     expected = covariance @ (free.T @ inverse @ observed + [0.0, 1.0 * 0.5**-2.0])
@@ -87,7 +87,7 @@ def test_weights_with_considered_errors_are_those_of_the_dense_covariance():
     total = estimate.covariance + estimate.consider.covariance
     np.testing.assert_allclose(total[:2, :2], covariance, rtol=1e-9)
     moved = estimate.consider.sensitivity[:2]
-    np.testing.assert_allclose(moved, covariance @ free.T @ inverse @ known, atol=1e-9)
+    np.testing.assert_allclose(moved, covariance @ free.T @ inverse @ prior, atol=1e-9)
     assert estimate.consider.in_weights == ("bias", "clock")
     assert estimate.parameters.names == PARAMETERS.names
 
@@ -106,13 +106,13 @@ def test_few_errors_stand_for_many():
     """Errors that are alike, and one too small to matter, are one; a variance changes by less than 1 %."""
     effects = np.column_stack([EFFECTS[:, 0], EFFECTS[:, 0], 1e-4 * EFFECTS[:, 1]]) * 0.5
     unit_partials = DESIGN[:, :2] @ np.linalg.cholesky(fitted(np.zeros(60)).covariance[:2, :2])
-    few = few_errors(effects, SIGMA, unit_partials, np.ones(60, dtype=bool))
-    assert few.shape == (60, 1)
+    reduced = few_errors(effects, SIGMA, unit_partials, np.ones(60, dtype=bool))
+    assert reduced.shape == (60, 1)
     unit = [Parameter(name, "1", "bias", 0.0, 1.0, Role.CONSIDERED) for name in "xyz"]
-    whole = adjusted(np.zeros(60), unit, effects).covariance[:2, :2]
-    short = adjusted(np.zeros(60), unit[:1], few).covariance[:2, :2]
-    np.testing.assert_allclose(short, whole, rtol=1e-3)
-    moved = moved_by(fitted(np.zeros(60)), lambda rows: few[rows], 1)
+    complete = adjusted(np.zeros(60), unit, effects).covariance[:2, :2]
+    short = adjusted(np.zeros(60), unit[:1], reduced).covariance[:2, :2]
+    np.testing.assert_allclose(short, complete, rtol=1e-3)
+    moved = moved_by(fitted(np.zeros(60)), lambda rows: reduced[rows], 1)
     assert np.linalg.norm(moved) > 0.0
 
 

@@ -53,8 +53,8 @@ class TwoSeries:
 
     def fits(self, status=None):
         edited = fit_with_editing(self.residuals, self.parameters, self.sigma, status=status)
-        found = weighed(self.residuals, edited, self.types, labels(2 * N, "A"), self.time_s)
-        return edited, found
+        result = weighed(self.residuals, edited, self.types, labels(2 * N, "A"), self.time_s)
+        return edited, result
 
     def model(self, fit):
         """Covariance that a fit weighs with, dense."""
@@ -76,13 +76,13 @@ class TwoSeries:
 @pytest.mark.parametrize("seed", range(4))
 def test_nearly_generalized_least_squares(seed):
     case = TwoSeries(seed=seed)
-    edited, found = case.fits()
+    edited, result = case.fits()
     assert edited.fit.time_correlation is None
-    assert [item.name for item in found.series_weights] == ["range A"]
+    assert [item.name for item in result.series_weights] == ["range A"]
     stated = np.diag(case.sigma**2)
     generalized, _ = case.covariances(case.covariance, stated)
     plain, weighed = (
-        case.covariances(model, case.covariance)[1] for model in (stated, case.model(found.fit))
+        case.covariances(model, case.covariance)[1] for model in (stated, case.model(result.fit))
     )
     best, better, worse = (np.sqrt(np.diag(c))[:2] for c in (generalized, weighed, plain))
     # No linear estimate is better than the generalized one (Aitken); 20 correlation times tell the noise model within
@@ -112,8 +112,8 @@ def test_estimate_and_covariance_are_those_of_the_weights():
 
 def test_what_is_said_of_the_noise_is_as_stated():
     case = TwoSeries()
-    edited, found = case.fits()
-    fit = found.fit
+    edited, result = case.fits()
+    fit = result.fit
     assert fit.noise is edited.fit.noise
     np.testing.assert_array_equal(fit.sigma_m, case.sigma)
     prior = float(fit.x @ case.prior @ fit.x)
@@ -125,20 +125,20 @@ def test_what_is_said_of_the_noise_is_as_stated():
 def test_outliers_are_judged_by_the_stated_sigmas():
     case = TwoSeries()
     case.observed[700] += 12.0  # eight of its sigmas, below two of those it is weighed with
-    edited, found = case.fits()
-    assert found.series_weights
-    assert not found.fit.used[700]
-    np.testing.assert_array_equal(found.fit.used, edited.fit.used)
-    assert found.series_weights[0].count == int(edited.fit.used[:N].sum())
+    edited, result = case.fits()
+    assert result.series_weights
+    assert not result.fit.used[700]
+    np.testing.assert_array_equal(result.fit.used, edited.fit.used)
+    assert result.series_weights[0].count == int(edited.fit.used[:N].sum())
 
 
 def test_white_residuals_change_nothing():
-    edited, found = TwoSeries(coloured=0.0).fits()
-    assert found.series_weights == ()
-    assert found.fit.x is edited.fit.x
-    assert found.fit.whitening is edited.fit.whitening
+    edited, result = TwoSeries(coloured=0.0).fits()
+    assert result.series_weights == ()
+    assert result.fit.x is edited.fit.x
+    assert result.fit.whitening is edited.fit.whitening
     # What was looked for once is not looked for again.
-    assert found.fit.time_correlation.series == ()
+    assert result.fit.time_correlation.series == ()
 
 
 def test_observability_is_that_of_the_weights(monkeypatch):
@@ -149,12 +149,12 @@ def test_observability_is_that_of_the_weights(monkeypatch):
     fit = case.fits()[1].fit
     covariance, _ = case.covariances(case.model(fit), np.diag(case.sigma**2))
     assert (np.diag(covariance) > 1.5 * np.diag(fit.covariance)).any()
-    found = observability.assess_observability(fit)
+    result = observability.assess_observability(fit)
     sigmas = np.sqrt(np.linalg.eigvalsh(covariance))[::-1]
-    np.testing.assert_allclose([item.sigma for item in found.weak], sigmas, rtol=ROUNDING)
+    np.testing.assert_allclose([item.sigma for item in result.weak], sigmas, rtol=ROUNDING)
     expected = observability.correlation_matrix(covariance)
-    assert found.correlations
-    for item in found.correlations:
+    assert result.correlations
+    for item in result.correlations:
         i, j = (["a", "b", "bias"].index(name) for name in (item.first, item.second))
         assert item.coefficient == pytest.approx(expected[i, j], abs=ROUNDING)
 
@@ -180,12 +180,12 @@ def test_observations_that_share_errors_are_weighed_together():
     n = len(observed)
     paths = Labels.of([f"{a}<x>{b}" for a, b in zip(case.first, case.second, strict=True)])
     edited = fit_with_editing(case.residual_function(observed), case.parameters(), case.noise)
-    found = weighed(case.residual_function(observed), edited, labels(n, "delay"), paths, time_s)
-    (weight,) = found.series_weights
+    result = weighed(case.residual_function(observed), edited, labels(n, "delay"), paths, time_s)
+    (weight,) = result.series_weights
     assert weight.name == "delay that share errors"
     assert weight.count == n
     assert weight.sigma_factor > 5.0
-    fit = found.fit
+    fit = result.fit
     assert len(fit.time_correlation.noise) == 3
     # One factor on all sigmas: the estimate is that of the stated covariance, dense.
     x, covariance, _ = case.generalized(observed)
@@ -207,11 +207,11 @@ def test_observations_that_share_errors_are_weighed_together():
     series = independent_series(order, fit.noise, fit.used)
     [blocks] = series.whitener.structures
     rows, whitening = blocks.rows, blocks.roots[blocks.which]
-    one = whitening[0]
-    np.testing.assert_allclose(one @ case.covariance[:6, :6] @ one.T, np.eye(6), atol=ROUNDING)
+    entry = whitening[0]
+    np.testing.assert_allclose(entry @ case.covariance[:6, :6] @ entry.T, np.eye(6), atol=ROUNDING)
     independent = np.einsum("bij,bjp->bip", whitening, case.design[rows])
     middle = np.zeros((3, 3))
-    for k, key in enumerate(one.key for one in series.series):
+    for k, key in enumerate(entry.key for entry in series.series):
         columns = independent[:, k]
         middle += columns.T @ columns
         if key in fit.time_correlation.noise:

@@ -20,8 +20,8 @@ def observations(model, sigma_m, seed=0, model_error_m=0.0):
     return model.ranges(truth)[0] + sigma_m * rng.normal(size=len(model.time_s)) + slow_m
 
 
-def same_without(model, observed_m, parameters, sigma_m, kept):
-    return fit_least_squares(model.residual_function(observed_m), parameters, sigma_m, used=kept)
+def same_without(model, observed_m, parameters, sigma_m, selected):
+    return fit_least_squares(model.residual_function(observed_m), parameters, sigma_m, used=selected)
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -34,14 +34,14 @@ def test_many_and_huge_blunders_from_50_km_away(seed, part):
     bad = rng.choice(120, int(part * 120), replace=False)
     signs = np.ones(len(bad)) if seed % 2 else rng.choice([-1.0, 1.0], len(bad))
     observed_m[bad] += signs * 10.0 ** rng.uniform(0.3, 5.0, len(bad))
-    kept = ~np.isin(np.arange(120), bad)
+    selected = ~np.isin(np.arange(120), bad)
     parameters = model.parameters(LANDER_M + FAR_OFF_M)
     edited = fit_with_editing(model.residual_function(observed_m), parameters, 0.003)
     assert edited.converged
-    np.testing.assert_array_equal(edited.status.are(USED), kept)
-    without = same_without(model, observed_m, parameters, 0.003, kept)
+    np.testing.assert_array_equal(edited.status.are(USED), selected)
+    reference = same_without(model, observed_m, parameters, 0.003, selected)
     np.testing.assert_allclose(
-        edited.fit.x, without.x, atol=SAME_ANSWER_SIGMAS * without.sigmas.min(), rtol=0.0
+        edited.fit.x, reference.x, atol=SAME_ANSWER_SIGMAS * reference.sigmas.min(), rtol=0.0
     )
 
 

@@ -23,7 +23,7 @@ def points(residual, step_s=None, gain=None, unit=None):
 
 def test_flicker_noise_is_not_taken_for_one_short_process():
     """What matters is how uncertain a mean is: one process alone, of the likeliest time, has too little there."""
-    stated, one, true = np.zeros(40), np.zeros(40), np.zeros(40)
+    stated, item, true = np.zeros(40), np.zeros(40), np.zeros(40)
     for seed in range(40):
         residual = Noise(white_m=1.0, flicker_m=0.7).series(1440, 60.0, [seed], "a")[0][0]
         true[seed] = residual.mean() ** 2
@@ -31,11 +31,11 @@ def test_flicker_noise_is_not_taken_for_one_short_process():
         noise = noise_of_series(data, 30.0)["a"]
         stated[seed] = noise.products(data.step_s, data.gain, np.full((1440, 1), 1.0 / 1440.0))[0, 0]
         single = SeriesNoise(noise.white, np.array([noise.correlation_time_s]), noise.coloured.sum()[None])
-        one[seed] = single.products(data.step_s, data.gain, np.full((1440, 1), 1.0 / 1440.0))[0, 0]
+        item[seed] = single.products(data.step_s, data.gain, np.full((1440, 1), 1.0 / 1440.0))[0, 0]
     # Chi-square of 40 over 40 is below 1.48 but for 2.5 %; what is stated has more, as flicker noise goes on below the
     # frequencies that were drawn: a fifth process, three times as long as the data, nearly doubles it.
     assert 0.4 < (true / stated).mean() < 1.48
-    assert (true / one).mean() > 1.48
+    assert (true / item).mean() > 1.48
 
 
 def test_what_is_considered_is_no_noise():

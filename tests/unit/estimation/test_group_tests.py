@@ -37,7 +37,7 @@ def problem(seed, noise):
     fit = fit_least_squares(linear, parameters, noise)
 
     def white(points):
-        return {one.key: SeriesNoise(1.0, np.ones(1), np.zeros(1)) for one in points.series}
+        return {item.key: SeriesNoise(1.0, np.ones(1), np.zeros(1)) for item in points.series}
 
     return linear, order, fit, BinnedProblem.of(fit, order, white)
 
@@ -54,12 +54,12 @@ def test_without_a_group():
     linear, order, fit, binned = problem(1, ObservationCovariance.of(0.9, 3 * N))
     for code in range(3):
         verdict = binned.test(binned.columns({code: 1.0}, parameters=4))
-        without = fit_least_squares(linear, fit.parameters, fit.noise, used=order.code != code)
+        reference = fit_least_squares(linear, fit.parameters, fit.noise, used=order.code != code)
         shift = fit.factor.root_covariance() @ verdict.shift
-        np.testing.assert_allclose(shift, without.x - fit.x, atol=STOPPED)
+        np.testing.assert_allclose(shift, reference.x - fit.x, atol=STOPPED)
         # Of efficient estimates the covariance of the difference is the difference of the covariances
         root = fit.factor.root_covariance() @ verdict.root_of_shift
-        np.testing.assert_allclose(root @ root.T, without.covariance - fit.covariance, atol=1e-9)
+        np.testing.assert_allclose(root @ root.T, reference.covariance - fit.covariance, atol=1e-9)
         assert verdict.dof == 4
 
 
@@ -69,13 +69,13 @@ def test_added_columns(noise):
     linear, order, fit, binned = problem(2, noise)
     signs = {0: -1.0, 1: -1.0}
     column = np.where(order.time_s >= 600.0, np.array([signs.get(c, 0.0) for c in order.code.tolist()]), 0.0)
-    more = ParameterSet([*fit.parameters, Parameter("step", "m", "step")])
+    larger = ParameterSet([*fit.parameters, Parameter("step", "m", "step")])
 
     def with_step(at):
         residual_m, matrix = linear(at[:-1])
         return residual_m - column * at[-1], np.column_stack([matrix, column])
 
-    refit = fit_least_squares(with_step, more, noise)
+    refit = fit_least_squares(with_step, larger, noise)
     raw = binned.columns(signs, (600.0, np.inf))
     verdict = binned.test(raw)
     assert verdict.estimate[0] == pytest.approx(refit.x[-1], abs=STOPPED)
@@ -119,5 +119,5 @@ def test_chance_is_uniform():
 
 def test_chances_far_below_what_floats_hold():
     assert log_probability(3.841, 1) == pytest.approx(np.log(0.05), rel=1e-3)
-    near, far = log_probability(1280.0, 3), log_probability(1300.0, 3)
-    assert far - near == pytest.approx(-10.0, abs=0.1)
+    below_switch, above_switch = log_probability(1280.0, 3), log_probability(1300.0, 3)
+    assert above_switch - below_switch == pytest.approx(-10.0, abs=0.1)

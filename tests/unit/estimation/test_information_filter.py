@@ -9,12 +9,12 @@ from radioloc.dynamics.stochastic import ACROSS, AFTER, BEFORE, StochasticAccele
 from radioloc.estimation import Parameter, ParameterSet, fit_with_editing
 from radioloc.estimation.least_squares import fit_least_squares
 from radioloc.estimation.linearization import DenseLinearization
-from radioloc.estimation.variance_components import part_of_parameters
+from radioloc.estimation.variance_components import mean_leverage
 from radioloc.noise import ALONE, ObservationCovariance, SharedAtEpoch, White
 
-N, INTERVALS, OTHERS = 120, (7, 4), 8
+N, INTERVALS, OTHER_COUNT = 120, (7, 4), 8
 SIGMA_M = 0.3
-TRUE = np.linspace(-1.0, 1.0, OTHERS)
+TRUE = np.linspace(-1.0, 1.0, OTHER_COUNT)
 IDENTICAL = 1e-9
 """Of a sigma: both are Householder reflections of the same numbers, in other orders."""
 
@@ -28,10 +28,10 @@ def process_of(persistence, sigma=1.0):
     step[step == 2] = 1
     step[:3] = 0
     moved = tuple(sigma * random.normal(size=(count, 6, 3)) for count in INTERVALS)
-    near, far = sigma * random.normal(size=(2, N, 3))
+    near_partials, far_partials = sigma * random.normal(size=(2, N, 3))
     zero = tuple(np.zeros((count + 1, 3)) for count in INTERVALS)
     return StochasticAccelerations(
-        chain, step, random.normal(size=(N, 6)), near, far, moved, persistence, zero
+        chain, step, random.normal(size=(N, 6)), near_partials, far_partials, moved, persistence, zero
     )
 
 
@@ -42,7 +42,7 @@ def written_out(process):
     for chain, count in reversed(list(enumerate(counts))):
         for k in range(count)[:: 1 if chain == AFTER else -1]:
             for axis in range(3):
-                values = [np.zeros((one, 3)) for one in counts]
+                values = [np.zeros((item, 3)) for item in counts]
                 values[chain][k, axis] = 1.0
                 columns.append(process.effects_m(tuple(values)))
     return np.array(columns).T
@@ -54,7 +54,7 @@ class Model(DenseLinearization):
 
 
 def design():
-    return np.random.default_rng(3).normal(size=(N, OTHERS))
+    return np.random.default_rng(3).normal(size=(N, OTHER_COUNT))
 
 
 def observed(process, persistence):
@@ -67,7 +67,7 @@ def observed(process, persistence):
     return design() @ TRUE + written_out(process) @ u.ravel() + noise_m
 
 
-PRIORS = [np.inf] * (OTHERS - 1) + [0.5]
+PRIORS = [np.inf] * (OTHER_COUNT - 1) + [0.5]
 PARAMETERS = ParameterSet([Parameter(f"p.{k}", "m", "p", 0.0, prior) for k, prior in enumerate(PRIORS)])
 
 
@@ -84,44 +84,47 @@ def test_the_filter_is_a_batch_fit_with_the_accelerations_as_parameters(persiste
 
     count = sum(INTERVALS) + 2
     a_priori = np.kron(persistence ** abs(np.subtract.outer(np.arange(count), np.arange(count))), np.eye(3))
-    whole = np.hstack([design(), written_out(process)])
-    information = whole[used].T @ whole[used] / SIGMA_M**2
-    information[OTHERS - 1, OTHERS - 1] += 0.5**-2
-    information[OTHERS:, OTHERS:] += np.linalg.inv(a_priori)
+    total = np.hstack([design(), written_out(process)])
+    information = total[used].T @ total[used] / SIGMA_M**2
+    information[OTHER_COUNT - 1, OTHER_COUNT - 1] += 0.5**-2
+    information[OTHER_COUNT:, OTHER_COUNT:] += np.linalg.inv(a_priori)
     covariance = np.linalg.inv(information)
-    estimate = covariance @ whole[used].T @ values_m[used] / SIGMA_M**2
+    estimate = covariance @ total[used].T @ values_m[used] / SIGMA_M**2
     sigma = np.sqrt(np.diag(covariance))
 
     assert fit.converged
-    np.testing.assert_allclose((fit.x - estimate[:OTHERS]) / sigma[:OTHERS], 0.0, atol=IDENTICAL)
-    np.testing.assert_allclose(fit.covariance, covariance[:OTHERS, :OTHERS], rtol=IDENTICAL, atol=1e-13)
+    np.testing.assert_allclose((fit.x - estimate[:OTHER_COUNT]) / sigma[:OTHER_COUNT], 0.0, atol=IDENTICAL)
+    np.testing.assert_allclose(
+        fit.covariance, covariance[:OTHER_COUNT, :OTHER_COUNT], rtol=IDENTICAL, atol=1e-13
+    )
     smoothed = fit.smoothed
     u = np.concatenate([smoothed.values[BEFORE][::-1], smoothed.values[AFTER]]).ravel()
-    np.testing.assert_allclose((u - estimate[OTHERS:]) / sigma[OTHERS:], 0.0, atol=IDENTICAL)
-    left_m = values_m - whole @ estimate
+    np.testing.assert_allclose((u - estimate[OTHER_COUNT:]) / sigma[OTHER_COUNT:], 0.0, atol=IDENTICAL)
+    left_m = values_m - total @ estimate
     np.testing.assert_allclose(fit.residual_m, left_m, atol=IDENTICAL)
     prior = (
-        estimate[OTHERS:] @ np.linalg.solve(a_priori, estimate[OTHERS:]) + (estimate[OTHERS - 1] / 0.5) ** 2
+        estimate[OTHER_COUNT:] @ np.linalg.solve(a_priori, estimate[OTHER_COUNT:])
+        + (estimate[OTHER_COUNT - 1] / 0.5) ** 2
     )
     assert fit.chi2 == pytest.approx((left_m[used] ** 2).sum() / SIGMA_M**2 + prior, rel=1e-9)
-    assert fit.dof == used.sum() + 1 - OTHERS
+    assert fit.dof == used.sum() + 1 - OTHER_COUNT
     hat = np.trace(information @ covariance) - np.trace(
-        np.linalg.solve(a_priori, covariance[OTHERS:, OTHERS:])
+        np.linalg.solve(a_priori, covariance[OTHER_COUNT:, OTHER_COUNT:])
     )
-    hat -= covariance[OTHERS - 1, OTHERS - 1] / 0.5**2
-    assert part_of_parameters(fit) * used.sum() == pytest.approx(hat, rel=1e-9)
+    hat -= covariance[OTHER_COUNT - 1, OTHER_COUNT - 1] / 0.5**2
+    assert mean_leverage(fit) * used.sum() == pytest.approx(hat, rel=1e-9)
 
     # Errors of the others, of the deviation and of u, together, at each interval.
     for chain, moved in enumerate(process.moved):
         for k in range(len(moved) + 1):
-            onto = np.zeros((OTHERS + 9, OTHERS + 3 * count))
-            onto[:OTHERS, :OTHERS] = np.eye(OTHERS)
+            onto = np.zeros((OTHER_COUNT + 9, OTHER_COUNT + 3 * count))
+            onto[:OTHER_COUNT, :OTHER_COUNT] = np.eye(OTHER_COUNT)
             for j in range(k + 1):
-                first = OTHERS + 3 * (INTERVALS[1] + 1 + j if chain == AFTER else INTERVALS[1] - j)
+                first = OTHER_COUNT + 3 * (INTERVALS[1] + 1 + j if chain == AFTER else INTERVALS[1] - j)
                 if j < k:
-                    onto[OTHERS : OTHERS + 6, first : first + 3] = moved[j]
+                    onto[OTHER_COUNT : OTHER_COUNT + 6, first : first + 3] = moved[j]
                 else:
-                    onto[OTHERS + 6 :, first : first + 3] = np.eye(3)
+                    onto[OTHER_COUNT + 6 :, first : first + 3] = np.eye(3)
             expected = onto @ covariance @ onto.T
             np.testing.assert_allclose(smoothed.covariance[chain][k], expected, rtol=1e-8, atol=1e-11)
 
@@ -165,5 +168,5 @@ def test_an_outlier_is_told_from_what_the_process_does():
     values_m[50] += 100.0 * SIGMA_M
     edited = fit_with_editing(model_of(process, values_m), PARAMETERS, SIGMA_M)
     assert np.flatnonzero(~edited.fit.used).tolist() == [50]
-    without = fit_with_editing(model_of(None, values_m), PARAMETERS, SIGMA_M)
-    assert without.robust_scale > 20.0
+    reference = fit_with_editing(model_of(None, values_m), PARAMETERS, SIGMA_M)
+    assert reference.robust_scale > 20.0

@@ -49,28 +49,28 @@ def test_restricted_likelihoods_are_those_of_dense_algebra(case):
     """Two series with parameters in common: each by itself, and both together with the variances of each."""
     step_s, gain, columns = case
     data, ends = two_series(step_s, gain, columns), [slice(0, 90), slice(90, 150)]
-    log, white, together = RestrictedLikelihood.of(data, np.arange(2), SIGMAS).at(TAU_S, RATIO)
+    log, white, joint_log = RestrictedLikelihood.of(data, np.arange(2), SIGMAS).at(TAU_S, RATIO)
     effects = data.unit * SIGMAS
 
     def each(k, tau_s, ratio):
-        own = dense(data.step_s[ends[k]], gain[ends[k]], tau_s, ratio)
-        return *likelihood(own, effects[ends[k]], data.residual[ends[k]]), own
+        series_covariance = dense(data.step_s[ends[k]], gain[ends[k]], tau_s, ratio)
+        return *likelihood(series_covariance, effects[ends[k]], data.residual[ends[k]]), series_covariance
 
     def both(tau_s, ratio):
-        found = [each(k, tau_s, ratio) for k in range(2)]
+        result = [each(k, tau_s, ratio) for k in range(2)]
         covariance = effects @ effects.T
-        for mine, (_, variance, own) in zip(ends, found, strict=True):
-            covariance[mine, mine] += variance * own
+        for members, (_, variance, series_covariance) in zip(ends, result, strict=True):
+            covariance[members, members] += variance * series_covariance
         squares = data.residual @ np.linalg.solve(covariance, data.residual)
-        return -0.5 * (np.linalg.slogdet(covariance)[1] + squares), found
+        return -0.5 * (np.linalg.slogdet(covariance)[1] + squares), result
 
     null, null_each = both(1.0, 0.0)
     for k, (tau_s, ratio) in enumerate(itertools.product(TAU_S, RATIO)):
-        one, found = both(tau_s, ratio)
-        assert together[k] == pytest.approx(one - null, rel=1e-9, abs=1e-9)
+        entry, result = both(tau_s, ratio)
+        assert joint_log[k] == pytest.approx(entry - null, rel=1e-9, abs=1e-9)
         for j in range(2):
-            assert log[j, k] == pytest.approx(found[j][0] - null_each[j][0], rel=1e-9, abs=1e-9)
-            assert white[j, k] == pytest.approx(found[j][1], rel=1e-9)
+            assert log[j, k] == pytest.approx(result[j][0] - null_each[j][0], rel=1e-9, abs=1e-9)
+            assert white[j, k] == pytest.approx(result[j][1], rel=1e-9)
 
 
 def two_series(step_s, gain, columns):
@@ -94,9 +94,9 @@ def likelihood(covariance, effects, residual):
     """Restricted, with coefficients of unit variance for columns of effects; and the variance that it is taken at."""
     felt = effects.T @ effects
     dof = len(residual) - np.trace(np.linalg.solve(np.eye(len(felt)) + felt, felt))
-    whole = covariance + effects @ effects.T
-    variance = residual @ np.linalg.solve(whole, residual) / dof
-    return -0.5 * (dof * np.log(variance) + np.linalg.slogdet(whole)[1]), variance
+    total = covariance + effects @ effects.T
+    variance = residual @ np.linalg.solve(total, residual) / dof
+    return -0.5 * (dof * np.log(variance) + np.linalg.slogdet(total)[1]), variance
 
 
 @pytest.mark.parametrize("width_s", [0.0, 300.0])
@@ -113,18 +113,18 @@ def test_restricted_likelihood_of_bins_is_that_of_their_observations(width_s):
         float((residual**2).sum()),
         width_s,
     )
-    found = RestrictedLikelihood.of(data, np.array([0]), 30.0).at(np.array([tau_s]), np.array([ratio]))
+    result = RestrictedLikelihood.of(data, np.array([0]), 30.0).at(np.array([tau_s]), np.array([ratio]))
     mean = mean_correlation(width_s, np.array([tau_s]))[0]
     between = dense(np.full(40, 900.0), np.ones(40), tau_s, ratio * mean) - np.eye(40)
-    inside = np.eye(each) - 1.0 / each
+    contained = np.eye(each) - 1.0 / each
     covariance = np.eye(40 * each) + np.kron(between, np.ones((each, each)))
-    covariance += ratio * (1.0 - mean) * np.kron(np.eye(40), inside)
+    covariance += ratio * (1.0 - mean) * np.kron(np.eye(40), contained)
     constant = np.full((40 * each, 1), 30.0)
-    (one, variance), (null, _) = (
+    (entry, variance), (null, _) = (
         likelihood(matrix, constant, residual.ravel()) for matrix in (covariance, np.eye(40 * each))
     )
-    assert found[0].item() == pytest.approx(one - null, rel=1e-9)
-    assert found[1].item() == pytest.approx(variance, rel=1e-9)
+    assert result[0].item() == pytest.approx(entry - null, rel=1e-9)
+    assert result[1].item() == pytest.approx(variance, rel=1e-9)
 
 
 @pytest.mark.parametrize("at_once", [40, 1000])
@@ -138,14 +138,14 @@ def test_whitening_is_a_root_of_the_inverse_covariance(case, at_once, monkeypatc
     }
     whitener = StructuredWhitener(150, (Diagonal(np.arange(150), np.full(150, 2.0)),))
     number = np.repeat([0, 1], [90, 60])
-    found = CorrelatedWhitener.of(IndependentSeries(names("ab"), whitener, number, np.cumsum(step_s)), noise)
-    whitened = np.concatenate(list(found.whitened(lambda rows: np.eye(150)[rows])))
+    result = CorrelatedWhitener.of(IndependentSeries(names("ab"), whitener, number, np.cumsum(step_s)), noise)
+    whitened = np.concatenate(list(result.whitened(lambda rows: np.eye(150)[rows])))
     expected = np.eye(150) / 16.0
     expected[:90, :90] = np.linalg.inv(4.0 * 0.8 * dense(step_s[:90], np.ones(90), 600.0, 3.0))
     np.testing.assert_allclose(whitened.T @ whitened, expected, rtol=0.0, atol=ROUNDING)
     np.testing.assert_allclose(np.triu(whitened, 1), 0.0, rtol=0.0, atol=ROUNDING)
-    parts = list(found.whitened(lambda rows: columns[rows]))
-    weighted = np.concatenate([values for _, values in found.transposed(parts)])
+    parts = list(result.whitened(lambda rows: columns[rows]))
+    weighted = np.concatenate([values for _, values in result.transposed(parts)])
     np.testing.assert_allclose(weighted, expected @ columns, rtol=0.0, atol=ROUNDING)
 
 
@@ -192,14 +192,14 @@ def test_sums_of_bins_are_those_of_whitened_values(monkeypatch, at_once):
     series = IndependentSeries(
         names("ab"), StructuredWhitener(24, (blocks,)), np.tile([0, 1], 12), np.repeat(time_s, 2)
     )
-    found = points_of(series, lambda rows: values[rows], np.eye(2))
+    result = points_of(series, lambda rows: values[rows], np.eye(2))
     whitened = np.moveaxis(blocks.roots @ values[rows], 1, 0)
     place, _ = bins(time_s, 4)
     in_bin = place == np.arange(place[-1] + 1)[:, None]
     expected = (in_bin @ whitened / np.sqrt(in_bin.sum(axis=1))[:, None]).reshape(-1, 3)
-    np.testing.assert_allclose(np.column_stack([found.residual, found.unit]), expected, rtol=1e-12)
-    np.testing.assert_allclose(found.squares, (whitened[:, :, 0] ** 2).sum(axis=1), rtol=1e-12)
-    np.testing.assert_array_equal(found.step_s[found.begin[:-1]], 0.0)
+    np.testing.assert_allclose(np.column_stack([result.residual, result.unit]), expected, rtol=1e-12)
+    np.testing.assert_allclose(result.squares, (whitened[:, :, 0] ** 2).sum(axis=1), rtol=1e-12)
+    np.testing.assert_array_equal(result.step_s[result.begin[:-1]], 0.0)
 
 
 def points(residual, step_s, gain, unit, count, squares, width_s):

@@ -41,13 +41,13 @@ def test_size_of_parts_does_not_matter(rows_at_once, monkeypatch):
     series = Series(3000)
     expected = fit_least_squares(series.linearize, series.parameters, series.sigma_m)
     monkeypatch.setattr(whitening, "ROWS_AT_ONCE", rows_at_once)
-    found = fit_least_squares(series.linearize, series.parameters, series.sigma_m)
+    result = fit_least_squares(series.linearize, series.parameters, series.sigma_m)
     # The condition number of the columns is 100.
     np.testing.assert_allclose(
-        found.factor.singular_values, expected.factor.singular_values, rtol=100 * PARTS
+        result.factor.singular_values, expected.factor.singular_values, rtol=100 * PARTS
     )
-    np.testing.assert_allclose(found.x, expected.x, rtol=0.0, atol=1e-6 * expected.sigmas.min())
-    assert found.chi2 == pytest.approx(expected.chi2, rel=PARTS)
+    np.testing.assert_allclose(result.x, expected.x, rtol=0.0, atol=1e-6 * expected.sigmas.min())
+    assert result.chi2 == pytest.approx(expected.chi2, rel=PARTS)
 
 
 def test_a_sample_starts_what_the_whole_ends(monkeypatch):
@@ -63,12 +63,12 @@ def test_a_sample_starts_what_the_whole_ends(monkeypatch):
     function = lambda x: (observed_m - design @ x, design)  # noqa: E731
     sampled = fit_with_editing(function, parameters, 0.01)
     monkeypatch.setattr(robust, "_MAX_ROWS", n)
-    whole = fit_with_editing(function, parameters, 0.01)
+    total = fit_with_editing(function, parameters, 0.01)
     assert sampled.converged
     np.testing.assert_array_equal(sampled.fit.used, ~bad)
-    np.testing.assert_array_equal(whole.fit.used, sampled.fit.used)
+    np.testing.assert_array_equal(total.fit.used, sampled.fit.used)
     np.testing.assert_allclose(
-        sampled.fit.x, whole.fit.x, rtol=0.0, atol=SAME_ANSWER_SIGMAS * whole.fit.sigmas.min()
+        sampled.fit.x, total.fit.x, rtol=0.0, atol=SAME_ANSWER_SIGMAS * total.fit.sigmas.min()
     )
 
 
@@ -85,15 +85,15 @@ def test_a_strong_minority_is_in_the_sample():
 
 
 def test_blocks_are_factorized_where_their_covariance_changes(monkeypatch):
-    given = DelayNetwork.make(epochs=50).noise
-    white_m, shared = given.white_m.copy(), given.terms[1]
+    stated = DelayNetwork.make(epochs=50).noise
+    white_m, shared = stated.white_m.copy(), stated.terms[1]
     white_m[8] *= 2.0
-    made = []
+    calls = []
     genuine = np.linalg.eigh
-    monkeypatch.setattr(np.linalg, "eigh", lambda a: made.append(len(a)) or genuine(a))
+    monkeypatch.setattr(np.linalg, "eigh", lambda a: calls.append(len(a)) or genuine(a))
     [blocks] = ObservationCovariance((White(white_m), shared)).whitener().structures
     # Before, at and after the epoch of that delay
-    assert made == [3]
+    assert calls == [3]
     for rows, root in zip(blocks.rows, blocks.roots[blocks.which], strict=True):
         covariance = shared.covariance_m2(rows[None])[0] + np.diag(white_m[rows] ** 2)
         np.testing.assert_allclose(root @ covariance @ root.T, np.eye(6), rtol=0.0, atol=1e-12)
@@ -116,11 +116,11 @@ def test_a_million_observations_take_less_than_300_bytes_each():
     tracemalloc.start()
     solution = solved(series)
     str(solution)
-    most = tracemalloc.get_traced_memory()[1]
+    maximum = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert solution.converged
     # Some ten megabytes are the same however many there are.
-    assert most < 300 * 1_000_000
+    assert maximum < 300 * 1_000_000
 
 
 SCRIPT = """
@@ -136,12 +136,12 @@ print(fit.x.tobytes().hex(), fit.covariance.tobytes().hex(), fit.chi2.hex(), int
 @pytest.mark.slow
 def test_number_of_threads_does_not_matter():
     toys = str(Path(__file__).resolve().parents[2] / "support")
-    said = []
+    messages = []
     for threads in ("1", "2", "4"):
         paths = os.pathsep.join([toys, *sys.path])
         environment = dict(os.environ, OPENBLAS_NUM_THREADS=threads, PYTHONPATH=paths)
         done = subprocess.run(
             [sys.executable, "-c", SCRIPT], env=environment, capture_output=True, text=True, check=True
         )
-        said.append(done.stdout)
-    assert said[0] == said[1] == said[2]
+        messages.append(done.stdout)
+    assert messages[0] == messages[1] == messages[2]

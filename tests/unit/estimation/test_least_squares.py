@@ -65,13 +65,15 @@ def test_fixed_parameters_stay():
     design, observed, sigma = linear()
     parameters = free_parameters(5).changed("p.2", prior_value=0.4, role=Role.FIXED)
     fit = fit_least_squares(function(design, observed), parameters, sigma, start=np.full(5, 9.0))
-    others = [0, 1, 3, 4]
+    remaining = [0, 1, 3, 4]
     reduced = fit_least_squares(
-        function(design[:, others], observed - 0.4 * design[:, 2]), free_parameters(4), sigma
+        function(design[:, remaining], observed - 0.4 * design[:, 2]), free_parameters(4), sigma
     )
     assert fit.x[2] == 0.4
-    np.testing.assert_allclose(fit.x[others], reduced.x, rtol=LINEAR_RTOL)
-    np.testing.assert_allclose(fit.covariance[np.ix_(others, others)], reduced.covariance, rtol=LINEAR_RTOL)
+    np.testing.assert_allclose(fit.x[remaining], reduced.x, rtol=LINEAR_RTOL)
+    np.testing.assert_allclose(
+        fit.covariance[np.ix_(remaining, remaining)], reduced.covariance, rtol=LINEAR_RTOL
+    )
     np.testing.assert_array_equal(fit.covariance[2], 0.0)
     assert fit.dof == reduced.dof
 

@@ -39,7 +39,7 @@ def both(seed, *, n=600, excess=1.0, outliers=0, fixed=False, unusable=0):
     residual_m[rng.choice(n, outliers, replace=False)] += 40.0
     usable = np.ones(n, dtype=bool)
     usable[:unusable] = False
-    made = linear_problem(partials, parameters, x, ObservationCovariance((White(sigma_m),)), usable)
+    calls = linear_problem(partials, parameters, x, ObservationCovariance((White(sigma_m),)), usable)
 
     def fit(linear):
         return fit_with_variance_components(
@@ -54,7 +54,7 @@ def both(seed, *, n=600, excess=1.0, outliers=0, fixed=False, unusable=0):
             status=np.where(usable, "used", "below the horizon"),
         )
 
-    return fit(made.of(residual_m)), fit(lambda at: (residual_m - partials @ (at - x), partials))
+    return fit(calls.of(residual_m)), fit(lambda at: (residual_m - partials @ (at - x), partials))
 
 
 @pytest.mark.parametrize(
@@ -76,23 +76,23 @@ def both(seed, *, n=600, excess=1.0, outliers=0, fixed=False, unusable=0):
 )
 def test_the_same_as_the_general_fit(case):
     for seed in range(5):
-        found, known = both(seed, **case)
-        one, fit = found.fit, known.fit
+        result, prior = both(seed, **case)
+        item, fit = result.fit, prior.fit
         free = fit.parameters.free
-        np.testing.assert_allclose((one.x - fit.x)[free] / fit.sigmas[free], 0.0, atol=SAME_SIGMAS)
-        np.testing.assert_allclose(one.covariance, fit.covariance, rtol=1e-6, atol=1e-9 * fit.sigmas.max())
+        np.testing.assert_allclose((item.x - fit.x)[free] / fit.sigmas[free], 0.0, atol=SAME_SIGMAS)
+        np.testing.assert_allclose(item.covariance, fit.covariance, rtol=1e-6, atol=1e-9 * fit.sigmas.max())
         np.testing.assert_allclose(
-            list(found.additive_sigma_m.values()),
-            list(known.additive_sigma_m.values()),
+            list(result.additive_sigma_m.values()),
+            list(prior.additive_sigma_m.values()),
             rtol=1e-8,
             atol=1e-12,
         )
-        assert (one.used == fit.used).all()
-        np.testing.assert_allclose(one.residual_m[one.used], fit.residual_m[fit.used], rtol=0.0, atol=1e-9)
-        root = one.factor.root_covariance()
+        assert (item.used == fit.used).all()
+        np.testing.assert_allclose(item.residual_m[item.used], fit.residual_m[fit.used], rtol=0.0, atol=1e-9)
+        root = item.factor.root_covariance()
         np.testing.assert_allclose(root @ root.T, fit.covariance[np.ix_(free, free)], rtol=1e-6)
-        assert one.chi2 == pytest.approx(fit.chi2)
-        assert found.converged == known.converged
+        assert item.chi2 == pytest.approx(fit.chi2)
+        assert result.converged == prior.converged
 
 
 def test_nothing_is_made_where_not_everything_is_determined():
@@ -112,9 +112,9 @@ def test_the_same_where_observations_share_errors():
     shared = SharedAtEpoch(np.arange(300) // 3, source, np.tile([-0.3, 0.3], (300, 1)))
     noise = ObservationCovariance((White(sigma_m), shared))
     residual_m, x, used = sigma_m * rng.standard_normal(300), np.zeros(5), rng.random(300) > 0.05
-    made = linear_problem(partials, parameters, x, noise, np.ones(300, bool))
-    one = fit_least_squares(made.of(residual_m), parameters, noise, used=used)
+    calls = linear_problem(partials, parameters, x, noise, np.ones(300, bool))
+    item = fit_least_squares(calls.of(residual_m), parameters, noise, used=used)
     fit = fit_least_squares(lambda at: (residual_m - partials @ at, partials), parameters, noise, used=used)
-    np.testing.assert_allclose((one.x - fit.x) / fit.sigmas, 0.0, atol=SAME_SIGMAS)
-    np.testing.assert_allclose(one.covariance, fit.covariance, rtol=1e-6, atol=1e-9 * fit.sigmas.max())
-    assert one.chi2 == pytest.approx(fit.chi2)
+    np.testing.assert_allclose((item.x - fit.x) / fit.sigmas, 0.0, atol=SAME_SIGMAS)
+    np.testing.assert_allclose(item.covariance, fit.covariance, rtol=1e-6, atol=1e-9 * fit.sigmas.max())
+    assert item.chi2 == pytest.approx(fit.chi2)

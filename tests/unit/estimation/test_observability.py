@@ -21,13 +21,13 @@ def test_two_separate_defects_are_not_mixed():
     design = np.random.default_rng(1).normal(size=(20, 5))
     design[:, 1] = 2.0 * design[:, 0]
     design[:, 4] = 0.0
-    found = assess(design)
-    assert {direction.names for direction in found.undetermined} == {
+    result = assess(design)
+    assert {direction.names for direction in result.undetermined} == {
         ("range_bias.E",),
         ("range_bias.A", "range_bias.B"),
     }
-    assert "the data do not determine range_bias.E" in found.describe()
-    assert "the data do not determine 0.89 range_bias.A - 0.45 range_bias.B" in found.describe()
+    assert "the data do not determine range_bias.E" in result.describe()
+    assert "the data do not determine 0.89 range_bias.A - 0.45 range_bias.B" in result.describe()
 
 
 def test_a_prior_on_one_of_two_identical_columns_settles_it():
@@ -35,27 +35,27 @@ def test_a_prior_on_one_of_two_identical_columns_settles_it():
     design[:, 1] = design[:, 0]
     parameters = ParameterSet([Parameter("a", "m", "p", prior_sigma=3.0), Parameter("b", "m", "p")])
     fit = fit_least_squares(lambda x: (-design @ x, design), parameters, 1e-3)
-    found = assess_observability(fit)
+    result = assess_observability(fit)
     assert fit.converged
-    assert found.undetermined == ()
+    assert result.undetermined == ()
     # The sum is known to a millimetre; the difference from the prior alone: 3 m times the square root of 2.
-    assert len(found.weak) == 1
-    assert found.weak[0].sigma == pytest.approx(3.0 * 2.0**0.5, rel=1e-6)
-    assert found.correlations[0].coefficient == pytest.approx(-1.0, abs=1e-6)
+    assert len(result.weak) == 1
+    assert result.weak[0].sigma == pytest.approx(3.0 * 2.0**0.5, rel=1e-6)
+    assert result.correlations[0].coefficient == pytest.approx(-1.0, abs=1e-6)
 
 
 def test_three_free_biases_over_half_a_day_are_weak():
     model = ToyMoon(200, 12.0)
     observed_m, _ = model.ranges(np.concatenate([LANDER_M, np.zeros(3)]))
     fit = fit_least_squares(model.residual_function(observed_m), model.parameters(), 0.3)
-    found = assess_observability(fit)
+    result = assess_observability(fit)
     assert fit.converged
-    assert found.undetermined == ()
-    assert {"range_bias.A", "range_bias.B", "range_bias.C"} == set(found.weak[0].names[:3])
-    assert 300.0 < found.weak[0].sigma < 600.0
+    assert result.undetermined == ()
+    assert {"range_bias.A", "range_bias.B", "range_bias.C"} == set(result.weak[0].names[:3])
+    assert 300.0 < result.weak[0].sigma < 600.0
     # Counts are no measure of it.
     assert assess_observability(fit, np.ones(len(observed_m), dtype=bool)).weak == ()
-    assert found.advice().startswith("would help: an a-priori sigma for range_bias.A, range_bias.B")
+    assert result.advice().startswith("would help: an a-priori sigma for range_bias.A, range_bias.B")
 
 
 def three_biases(hours, prior_sigma_m):
@@ -75,9 +75,9 @@ def test_what_biases_have_in_common_and_what_it_does_to_the_position(prior_sigma
     rows, mean = np.eye(6)[3:], np.full(3, 1.0 / 3.0)
     assert part.sigma == pytest.approx(np.sqrt(mean @ rows @ fit.covariance @ rows.T @ mean))
     assert part.prior_sigma == pytest.approx(prior_sigma_m / 3.0**0.5)
-    along = fit.covariance[:3, 3:] @ mean / part.sigma / np.sqrt(np.diag(fit.covariance)[:3])
-    assert part.correlated_with == fit.parameters.names[int(np.argmax(np.abs(along)))]
-    assert part.correlation == pytest.approx(along[np.argmax(np.abs(along))])
+    component = fit.covariance[:3, 3:] @ mean / part.sigma / np.sqrt(np.diag(fit.covariance)[:3])
+    assert part.correlated_with == fit.parameters.names[int(np.argmax(np.abs(component)))]
+    assert part.correlation == pytest.approx(component[np.argmax(np.abs(component))])
     # Held at one sigma more, the biases drag the position along just so far.
     model = ToyMoon(200, 12.0)
     observed_m, _ = model.ranges(np.concatenate([LANDER_M, np.zeros(3)]))
@@ -111,10 +111,10 @@ def test_a_common_part_is_that_of_two_or_more(count):
 
 def test_a_good_geometry_has_nothing_to_report():
     design = np.random.default_rng(1).normal(size=(50, 4))
-    found = assess(design)
-    assert found.describe() == ()
-    assert found.advice() == ""
-    assert found.condition_number == pytest.approx(found.singular_values[0] / found.singular_values[-1])
+    result = assess(design)
+    assert result.describe() == ()
+    assert result.advice() == ""
+    assert result.condition_number == pytest.approx(result.singular_values[0] / result.singular_values[-1])
 
 
 def test_scales_make_units_comparable():

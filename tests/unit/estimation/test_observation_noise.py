@@ -28,36 +28,36 @@ def errors_m(network, seed=1):
     return network.errors_m(np.random.default_rng(seed))
 
 
-def fit(network, observed_m, **more):
+def fit(network, observed_m, **additional):
     return fit_least_squares(
-        network.residual_function(observed_m), network.parameters(), network.noise, **more
+        network.residual_function(observed_m), network.parameters(), network.noise, **additional
     )
 
 
-def assert_generalized(found, network, observed_m):
+def assert_generalized(result, network, observed_m):
     x, covariance, chi2 = network.generalized(observed_m)
-    np.testing.assert_allclose(found.covariance, covariance, rtol=ROUNDING, atol=ROUNDING * covariance.max())
-    np.testing.assert_allclose(found.x, x, rtol=0.0, atol=1e-6 * math.sqrt(covariance.max()))
-    assert found.chi2 == pytest.approx(chi2, rel=ROUNDING)
-    assert found.dof == len(observed_m) - len(x)
+    np.testing.assert_allclose(result.covariance, covariance, rtol=ROUNDING, atol=ROUNDING * covariance.max())
+    np.testing.assert_allclose(result.x, x, rtol=0.0, atol=1e-6 * math.sqrt(covariance.max()))
+    assert result.chi2 == pytest.approx(chi2, rel=ROUNDING)
+    assert result.dof == len(observed_m) - len(x)
 
 
 def test_fit_is_generalized_least_squares(network):
     observed_m = errors_m(network)
-    found = fit(network, observed_m)
-    assert found.converged
-    assert_generalized(found, network, observed_m)
-    assert found.sigma_m == pytest.approx(np.sqrt(np.diag(network.covariance)), rel=1e-14)
+    result = fit(network, observed_m)
+    assert result.converged
+    assert_generalized(result, network, observed_m)
+    assert result.sigma_m == pytest.approx(np.sqrt(np.diag(network.covariance)), rel=1e-14)
 
 
 def test_rows_left_out_drop_out_of_their_blocks(network):
     observed_m = errors_m(network)
     used = np.random.default_rng(2).random(len(observed_m)) > 0.4  # leaves blocks of all sizes, of none too
     assert set(np.bincount(network.epoch[used & (network.epoch != ALONE)], minlength=20)) >= set(range(1, 6))
-    found = fit(network, observed_m, used=used)
-    assert_generalized(found, network.select(used), observed_m[used])
+    result = fit(network, observed_m, used=used)
+    assert_generalized(result, network.select(used), observed_m[used])
     # A row seen alone is what it was.
-    assert found.sigma_m == pytest.approx(network.noise.sigma_m, rel=1e-14)
+    assert result.sigma_m == pytest.approx(network.noise.sigma_m, rel=1e-14)
 
 
 def test_a_row_left_out_may_be_anything(network):
@@ -69,11 +69,11 @@ def test_a_row_left_out_may_be_anything(network):
 
 def test_parts_of_any_length_give_the_same(network, monkeypatch):
     observed_m = errors_m(network)
-    whole = fit(network, observed_m)
+    total = fit(network, observed_m)
     monkeypatch.setattr(whitening, "ROWS_AT_ONCE", 4)  # less than a block
     parts = list(network.noise.whitener().whitened(column(observed_m)))
     assert {len(part) for part in parts} == {4, 1, 6}
-    assert fit(network, observed_m).chi2 == pytest.approx(whole.chi2, rel=ROUNDING)
+    assert fit(network, observed_m).chi2 == pytest.approx(total.chi2, rel=ROUNDING)
 
 
 def test_six_baselines_of_four_stations_carry_three_delays():
@@ -93,11 +93,11 @@ def test_six_baselines_of_four_stations_carry_three_delays():
 def test_a_blunder_is_taken_out_of_its_block(network):
     observed_m = errors_m(network)
     observed_m[[7, 33]] += [8.0, -5.0]
-    kept = ~np.isin(np.arange(len(observed_m)), [7, 33])
+    selected = ~np.isin(np.arange(len(observed_m)), [7, 33])
     edited = fit_with_editing(network.residual_function(observed_m), network.parameters(), network.noise)
     assert edited.converged
-    np.testing.assert_array_equal(edited.status.are(USED), kept)
-    x, covariance, chi2 = network.select(kept).generalized(observed_m[kept])
+    np.testing.assert_array_equal(edited.status.are(USED), selected)
+    x, covariance, chi2 = network.select(selected).generalized(observed_m[selected])
     sigmas = np.sqrt(np.diag(covariance))
     np.testing.assert_allclose(edited.fit.x, x, rtol=0.0, atol=SAME_ANSWER_SIGMAS * sigmas.min())
     assert edited.fit.chi2 == pytest.approx(chi2, rel=1e-4)
@@ -122,7 +122,7 @@ def test_excess_noise_is_on_the_diagonal():
     delays, n = network.epoch != ALONE, len(network.epoch)
     observed_m = errors_m(network)
     observed_m[delays] += more_m * np.random.default_rng(5).normal(size=int(delays.sum()))
-    found = fit_with_variance_components(
+    result = fit_with_variance_components(
         network.residual_function(observed_m),
         network.parameters(),
         network.noise,
@@ -130,11 +130,11 @@ def test_excess_noise_is_on_the_diagonal():
             Labels.of(np.where(delays, "delay", "range")), Labels.of(np.full(n, "A")), 1.0 * np.arange(n)
         ),
     )
-    assert found.additive_sigma_m["range"] == 0.0
-    excess_m = found.additive_sigma_m["delay"]
+    assert result.additive_sigma_m["range"] == 0.0
+    excess_m = result.additive_sigma_m["delay"]
     # Half of 1800 squares show it: 3 % of scatter.
     assert excess_m == pytest.approx(more_m, rel=0.1)
-    fit = found.fit
+    fit = result.fit
     expected_m = np.sqrt(OWN_M**2 + delays * (excess_m**2 + 2.0 * STATION_M**2))
     assert fit.sigma_m == pytest.approx(expected_m, rel=1e-12)
     assert fit.noise.white_m == pytest.approx(np.hypot(OWN_M, excess_m * delays), rel=1e-12)

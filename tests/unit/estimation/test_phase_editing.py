@@ -28,8 +28,8 @@ def faults(error_m, *, stated_m=NOISE_M, count_s=1.0, cycle_m=CYCLE_M, time_s=No
     edited = fit_with_editing(lambda x: (observed_m - design @ x, design), parameters, stated_m)
     time_s = count_s * np.arange(N) if time_s is None else time_s
     order = SeriesOrder.of(Labels.of(["doppler"] * N), Labels.of(["A>x>A"] * N), time_s)
-    found = phase_faults(edited, order, PhaseCounts(np.full(N, count_s), np.full(N, cycle_m)))
-    return edited, found
+    result = phase_faults(edited, order, PhaseCounts(np.full(N, count_s), np.full(N, cycle_m)))
+    return edited, result
 
 
 def errors(**at):
@@ -40,29 +40,29 @@ def errors(**at):
 
 
 def test_good_counts_have_no_fault():
-    edited, found = faults(errors())
+    edited, result = faults(errors())
     assert edited.fit.used.all()
-    assert not found
+    assert not result
 
 
 @pytest.mark.parametrize("count_s", [1.0, 60.0])
 def test_whole_cycles_in_one_count_are_a_slip_however_long_it_is(count_s):
-    edited, found = faults(errors(r50=3 * CYCLE_M, r51=-CYCLE_M, r200=-CYCLE_M), count_s=count_s)
-    assert found == {50: "cycle slip of 3 cycles", 51: "cycle slip of 1 cycle", 200: "cycle slip of 1 cycle"}
+    edited, result = faults(errors(r50=3 * CYCLE_M, r51=-CYCLE_M, r200=-CYCLE_M), count_s=count_s)
+    assert result == {50: "cycle slip of 3 cycles", 51: "cycle slip of 1 cycle", 200: "cycle slip of 1 cycle"}
     assert not edited.fit.used[[50, 51, 200]].any()
 
 
 def test_an_outlier_that_is_no_whole_number_of_cycles_is_none():
-    edited, found = faults(errors(r50=2.4 * CYCLE_M))
-    assert not found
+    edited, result = faults(errors(r50=2.4 * CYCLE_M))
+    assert not result
     assert not edited.fit.used[50]
     assert edited.status[50].startswith("outlier")
 
 
 def test_a_slip_is_told_by_the_scatter_of_its_pass_where_the_stated_sigma_hides_it():
-    edited, found = faults(errors(r50=CYCLE_M), stated_m=0.05)
+    edited, result = faults(errors(r50=CYCLE_M), stated_m=0.05)
     assert edited.fit.used[50]
-    assert found == {50: "cycle slip of 1 cycle"}
+    assert result == {50: "cycle slip of 1 cycle"}
 
 
 def test_nothing_is_called_a_slip_where_noise_is_no_small_part_of_a_cycle():
@@ -72,38 +72,38 @@ def test_nothing_is_called_a_slip_where_noise_is_no_small_part_of_a_cycle():
 def test_seconds_before_the_lock_are_off_in_frequency():
     error_m = errors()
     error_m[:40] = -8.8e3 * CYCLE_M
-    edited, found = faults(error_m)
-    assert found == dict.fromkeys(range(40), "not locked to the uplink: 8.8 kHz off")
+    edited, result = faults(error_m)
+    assert result == dict.fromkeys(range(40), "not locked to the uplink: 8.8 kHz off")
     assert not edited.fit.used[:40].any()
 
 
 def test_another_transmitter_for_a_while_is_not_this_uplink():
     error_m = errors()
     error_m[100:140] = np.linspace(110.0, 130.0, 40) * CYCLE_M * 10.0
-    _, found = faults(error_m, count_s=10.0)
-    assert found == dict.fromkeys(range(100, 140), "not locked to this uplink for a while: 120 Hz off")
+    _, result = faults(error_m, count_s=10.0)
+    assert result == dict.fromkeys(range(100, 140), "not locked to this uplink for a while: 120 Hz off")
 
 
 def test_errors_near_the_horizon_are_outliers_of_another_kind():
     error_m = errors()
     error_m[:5] = 12.0 * NOISE_M
-    edited, found = faults(error_m)
-    assert not found
+    edited, result = faults(error_m)
+    assert not result
     assert not edited.fit.used[:5].any()
 
 
 def test_after_a_silence_the_lock_is_a_new_one():
     error_m = errors(r100=200.5 * CYCLE_M)
     time_s = np.arange(float(N)) + 1000.0 * (np.arange(N) >= 100)
-    _, found = faults(error_m, time_s=time_s)
-    assert found == {100: "not locked to the uplink: 200 Hz off"}
+    _, result = faults(error_m, time_s=time_s)
+    assert result == {100: "not locked to the uplink: 200 Hz off"}
 
 
 def test_without_a_wavelength_it_is_a_rate():
     error_m = errors()
     error_m[-5:] = 3.0
-    _, found = faults(error_m, cycle_m=np.nan)
-    assert found == dict.fromkeys(range(N - 5, N), "not locked to the uplink: 3 m/s off")
+    _, result = faults(error_m, cycle_m=np.nan)
+    assert result == dict.fromkeys(range(N - 5, N), "not locked to the uplink: 3 m/s off")
 
 
 @pytest.fixture(scope="module")

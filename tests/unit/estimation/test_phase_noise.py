@@ -32,8 +32,8 @@ def chain(n):
     start = np.arange(n)
     phases = DopplerPhase(np.full(n, PHASE_M), np.zeros(n, dtype=int), start, start + 1)
     noise = ObservationCovariance((White(np.full(n, 1e-4)), phases))
-    one = SeriesOrder.of(Labels.of(["doppler"] * n), Labels.of(["A>x>A"] * n), np.arange(float(n)))
-    return noise, one
+    item = SeriesOrder.of(Labels.of(["doppler"] * n), Labels.of(["A>x>A"] * n), np.arange(float(n)))
+    return noise, item
 
 
 def test_a_rate_is_known_as_the_slope_of_the_phases():
@@ -41,14 +41,14 @@ def test_a_rate_is_known_as_the_slope_of_the_phases():
     noise, _ = chain(400)
     parameters = ParameterSet([Parameter("offset", "m", "bias")])
     design, rng = np.ones((400, 1)), np.random.default_rng(2)
-    found = []
+    result = []
     for _ in range(200):
         observed_m = drawn(rng, 400, 0.0)
         fit = fit_least_squares(lambda x, o=observed_m: (o - design @ x, design), parameters, noise)
-        found.append(fit.x[0])
+        result.append(fit.x[0])
     assert fit.sigmas[0] == pytest.approx(PHASE_M * np.sqrt(12.0 / (400 * 401 * 402)), rel=1e-3)
     # Of 200 the rms is within 13 % but for a chance of 1 %
-    assert np.std(found) == pytest.approx(fit.sigmas[0], rel=0.13)
+    assert np.std(result) == pytest.approx(fit.sigmas[0], rel=0.13)
 
 
 @pytest.mark.parametrize("white_m", [0.0, 0.5])
@@ -63,10 +63,10 @@ def test_frequency_noise_beyond_the_phase_is_found(white_m):
     def residuals(x):
         return observed_m - design @ x, design
 
-    found = fit_with_variance_components(residuals, parameters, noise, order=series)
-    assert found.fit.used.all()
-    assert found.additive_sigma_m["doppler"] == pytest.approx(white_m, rel=0.1)
-    weighed = fit_with_correlated_weights(residuals, found, series)
+    result = fit_with_variance_components(residuals, parameters, noise, order=series)
+    assert result.fit.used.all()
+    assert result.additive_sigma_m["doppler"] == pytest.approx(white_m, rel=0.1)
+    weighed = fit_with_correlated_weights(residuals, result, series)
     assert not weighed.series_weights
 
 
@@ -140,10 +140,10 @@ def test_contiguous_counts_of_a_link_are_joined():
 
 @pytest.mark.slow
 def test_claimed_sigmas_are_those_of_drawn_errors():
-    found = radioloc.monte_carlo(planned(0.003), 200, (6.0,))
-    assert found.converged
+    result = radioloc.monte_carlo(planned(0.003), 200, (6.0,))
+    assert result.converged
     # Binomial of 200 at 0.95: 182 to 197 but for a chance of 1 %
-    assert 182 <= found.arcs[0].coverage["horizontal"].count <= 197
+    assert 182 <= result.arcs[0].coverage["horizontal"].count <= 197
     claimed_m = radioloc.covariance(planned(0.003), (6.0,)).arcs[0].sigma_m
     # Of 200 trials an rms is within 13 % but for a chance of 1 %
-    assert found.arcs[0].rms_m == pytest.approx(claimed_m, rel=0.13)
+    assert result.arcs[0].rms_m == pytest.approx(claimed_m, rel=0.13)

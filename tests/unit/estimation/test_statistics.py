@@ -27,10 +27,10 @@ def test_chi2_quantile_against_scipy(dof):
 
 def residuals(residual_m, sigma_m, used):
     n = len(used)
-    same = Labels.of(["A"] * n)
+    labels = Labels.of(["A"] * n)
     statuses = Labels.of(np.where(used, "used", "outlier"))
     epochs = Epochs.from_jd(2459185.5, np.zeros(n), "UTC")
-    return Residuals(epochs, same, same, same, np.zeros(n), residual_m, sigma_m, statuses)
+    return Residuals(epochs, labels, labels, labels, np.zeros(n), residual_m, sigma_m, statuses)
 
 
 def test_group_statistics_by_hand():
@@ -43,26 +43,26 @@ def test_group_statistics_by_hand():
 
 @pytest.mark.parametrize("elevation_deg", [None, np.array([10.0, 20.0, 30.0])])
 def test_selected_rows_keep_all_that_is_told_of_them(elevation_deg):
-    whole = Residuals(
+    residuals = Residuals(
         Epochs.from_jd(2459185.5, np.array([0.1, 0.2, 0.3]), "UTC"),
         *(Labels.of([f"{column}{k}" for k in range(3)]) for column in ("station", "type", "path")),
         *(np.array([1.0, 2.0, 3.0]) * size for size in (1e8, 1.0, 0.1)),
         Labels.of(["used", "outlier", "used"]),
         elevation_deg,
     )
-    part = whole.select([2, 1])
+    part = residuals.select([2, 1])
     assert len(part) == 2
     assert part.epoch_utc.fraction.tolist() == [0.3, 0.2]
     assert (part.station[0], part.type[0], part.path[0]) == ("station2", "type2", "path2")
     assert part.computed_m.tolist() == [3e8 - 3.0, 2e8 - 2.0]
-    assert part.sigma_m.tolist() == whole.sigma_m[[2, 1]].tolist()
+    assert part.sigma_m.tolist() == residuals.sigma_m[[2, 1]].tolist()
     assert part.used.tolist() == [True, False]
     assert (
         part.elevation_deg is None if elevation_deg is None else part.elevation_deg.tolist() == [30.0, 20.0]
     )
     assert ("elevation_deg" in part.to_table().colnames) == (elevation_deg is not None)
     with pytest.raises(InputError, match="sigma_m has 1 values, but there are 3 observations"):
-        replace(whole, sigma_m=np.ones(1))
+        replace(residuals, sigma_m=np.ones(1))
 
 
 def test_groups_are_sorted_and_complete():

@@ -42,9 +42,9 @@ def line(n=1200, series=2, coloured=1.0, seed=0, **prior):
 
 
 def test_numbers_of_a_known_process():
-    found = assessed(*line(n=6000))
-    assert [item.name for item in found.series] == ["range S0", "range S1"]
-    for item in found.series:
+    result = assessed(*line(n=6000))
+    assert [item.name for item in result.series] == ["range S0", "range S1"]
+    for item in result.series:
         assert item.count == 6000
         # 200 correlation times of noise: some ten per cent.
         assert item.share == pytest.approx(0.5, abs=0.08)
@@ -59,10 +59,10 @@ def test_white_residuals_are_left_alone():
 
 
 def test_what_is_known_a_priori_alone_stays():
-    fit, *rest = line(prior_sigma=1e-6)
-    found = assessed(fit, *rest)
-    assert found.added_covariance[0, 0] < 1e-3 * fit.covariance[0, 0]
-    assert found.added_covariance[1, 1] > 5.0 * fit.covariance[1, 1]
+    fit, *data = line(prior_sigma=1e-6)
+    result = assessed(fit, *data)
+    assert result.added_covariance[0, 0] < 1e-3 * fit.covariance[0, 0]
+    assert result.added_covariance[1, 1] > 5.0 * fit.covariance[1, 1]
 
 
 def test_an_undetermined_parameter_stays_undetermined():
@@ -72,9 +72,9 @@ def test_an_undetermined_parameter_stays_undetermined():
     parameters = ParameterSet([*fit.parameters, Parameter("c", "m", "p")])
     residual = fit.residual_m
     wider = fit_least_squares(lambda x: (residual - design @ x, design), parameters, 1.0)
-    found = assessed(wider, types, path, time_s)
-    assert (found.added_covariance[1:] == 0.0).all()
-    assert found.added_covariance[0, 0] > 0.0
+    result = assessed(wider, types, path, time_s)
+    assert (result.added_covariance[1:] == 0.0).all()
+    assert result.added_covariance[0, 0] > 0.0
 
 
 def test_neither_the_size_of_the_noise_nor_what_is_left_out_matters():
@@ -84,12 +84,12 @@ def test_neither_the_size_of_the_noise_nor_what_is_left_out_matters():
     larger = fit_least_squares(
         lambda x: (3.0 * fit.residual_m - design @ x, design), fit.parameters, 1.0, used=used
     )
-    one, other = assessed(fit, types, path, time_s), assessed(larger, types, path, time_s)
-    assert sum(item.count for item in other.series) == used.sum()
-    for before, after in zip(one.series, other.series, strict=True):
-        assert after.effective_count == pytest.approx(before.effective_count, rel=0.1)
-        assert after.share == pytest.approx(before.share, abs=0.05)
-    assert np.diag(other.added_covariance) == pytest.approx(9.0 * np.diag(one.added_covariance), rel=0.1)
+    entry, scaled = assessed(fit, types, path, time_s), assessed(larger, types, path, time_s)
+    assert sum(item.count for item in scaled.series) == used.sum()
+    for first, second in zip(entry.series, scaled.series, strict=True):
+        assert second.effective_count == pytest.approx(first.effective_count, rel=0.1)
+        assert second.share == pytest.approx(first.share, abs=0.05)
+    assert np.diag(scaled.added_covariance) == pytest.approx(9.0 * np.diag(entry.added_covariance), rel=0.1)
 
 
 def test_the_covariance_of_an_estimate_has_what_time_correlation_adds():
@@ -109,13 +109,13 @@ def test_the_covariance_of_an_estimate_has_what_time_correlation_adds():
 
 def test_order_of_rows_and_size_of_parts_do_not_matter(monkeypatch):
     fit, types, path, time_s = line()
-    found = assessed(fit, types, path, time_s).added_covariance
+    result = assessed(fit, types, path, time_s).added_covariance
     order = np.random.default_rng(1).permutation(len(time_s))
     design, residual = fit.linearization.partials(order), fit.residual_m[order]
     mixed = fit_least_squares(lambda x: (residual - design @ x, design), fit.parameters, 1.0)
     monkeypatch.setattr(whitening, "ROWS_AT_ONCE", 333)
-    other = assessed(mixed, types, path.select(order), time_s[order]).added_covariance
-    np.testing.assert_allclose(other, found, rtol=0.0, atol=1e-6 * np.abs(found).max())
+    scaled = assessed(mixed, types, path.select(order), time_s[order]).added_covariance
+    np.testing.assert_allclose(scaled, result, rtol=0.0, atol=1e-6 * np.abs(result).max())
 
 
 def test_long_series_are_averaged_and_gaps_take_no_bins():
@@ -157,9 +157,9 @@ def test_stations_whose_errors_last_are_found_in_their_delays(stated_m, station_
 
     Also where a small stated error of stations hardly tells the two kinds apart by their sigmas.
     """
-    found = delays_with_lasting_errors(stated_m, station_m)
-    assert len(found.series) == 3
-    for item in found.series:
+    result = delays_with_lasting_errors(stated_m, station_m)
+    assert len(result.series) == 3
+    for item in result.series:
         assert item.name.endswith("of 6 that share errors")
         assert item.share > (0.8 if station_m == stated_m else 0.3)
         assert item.correlation_time_s == pytest.approx(TAU_S, rel=0.5)
@@ -167,32 +167,32 @@ def test_stations_whose_errors_last_are_found_in_their_delays(stated_m, station_
 
 def test_rounding_does_not_choose_the_combinations():
     """Three combinations have the same sigma: sigmas that differ by rounding must not turn them among each other."""
-    one, *others = (
+    entry, *remaining = (
         delays_with_lasting_errors(0.4, 0.4, epochs=400, scale=1.0 + 1e-12 * np.tile(some, 400))
         for some in ([0, 0, 0, 0, 0, 0], [0, 1, 3, 2, 5, 4], [7, 5, 0, 1, 2, 6])
     )
-    for other in others:
-        assert other.noise.keys() == one.noise.keys()
-        assert other.added_covariance == pytest.approx(one.added_covariance, rel=1e-6)
-        for key, noise in one.noise.items():
-            assert other.noise[key].coloured == pytest.approx(noise.coloured, rel=1e-6)
+    for scaled in remaining:
+        assert scaled.noise.keys() == entry.noise.keys()
+        assert scaled.added_covariance == pytest.approx(entry.added_covariance, rel=1e-6)
+        for key, noise in entry.noise.items():
+            assert scaled.noise[key].coloured == pytest.approx(noise.coloured, rel=1e-6)
 
 
 def test_what_is_known_already_is_not_sought_again():
     """With correlated weights the residuals have been whitened by it."""
-    fit, *rest = line()
-    known = assessed(fit, *rest)
-    again = replace(line(coloured=0.0)[0], time_correlation=known)
-    assert assessed(again, *rest) is known
+    fit, *data = line()
+    correlation = assessed(fit, *data)
+    refit = replace(line(coloured=0.0)[0], time_correlation=correlation)
+    assert assessed(refit, *data) is correlation
 
 
 def test_a_short_series_has_the_noise_of_its_kind():
     """Fifteen observations within a correlation time count as two, beside 1200 that count as eight."""
     fit, types, path, time_s = line()
-    kept = (path.codes == 0) | (np.arange(len(time_s)) < 30)
-    design, residual = fit.linearization.partials(np.flatnonzero(kept)), fit.residual_m[kept]
-    few = fit_least_squares(lambda x: (residual - design @ x, design), fit.parameters, 1.0)
-    found = assessed(few, types.select(kept), path.select(kept), time_s[kept])
-    assert [item.name for item in found.series] == ["range S0", "range S1"]
-    assert found.series[1].count == 15
-    assert found.series[1].effective_count < 4.0
+    selected = (path.codes == 0) | (np.arange(len(time_s)) < 30)
+    design, residual = fit.linearization.partials(np.flatnonzero(selected)), fit.residual_m[selected]
+    reduced = fit_least_squares(lambda x: (residual - design @ x, design), fit.parameters, 1.0)
+    result = assessed(reduced, types.select(selected), path.select(selected), time_s[selected])
+    assert [item.name for item in result.series] == ["range S0", "range S1"]
+    assert result.series[1].count == 15
+    assert result.series[1].effective_count < 4.0

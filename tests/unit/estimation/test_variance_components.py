@@ -35,40 +35,40 @@ def fit(partials, observed_m, stated_m, **options):
     )
 
 
-def reduced(found, excess_m, stated_m):
-    used = found.fit.used
-    residual_m = found.fit.residual_m[used]
+def reduced(result, excess_m, stated_m):
+    used = result.fit.used
+    residual_m = result.fit.residual_m[used]
     return float((residual_m**2 / (stated_m[used] ** 2 + excess_m**2)).sum() / (used.sum() - 2))
 
 
 def test_nothing_is_added_to_sigmas_that_suffice():
     problem = line(200, 0.01, 0.0, 1)
-    found = fit(*problem)
-    assert found.additive_sigma_m["all"] == 0.0
-    assert found.converged
+    result = fit(*problem)
+    assert result.additive_sigma_m["all"] == 0.0
+    assert result.converged
     parameters = ParameterSet(Parameter(f"slope.{k}", "m", "slope") for k in range(2))
     plain = fit_with_editing(lambda x: (problem[1] - problem[0] @ x, problem[0]), parameters, problem[2])
-    assert np.array_equal(found.fit.x, plain.fit.x)
+    assert np.array_equal(result.fit.x, plain.fit.x)
 
 
 def test_components_that_do_not_settle_are_told(monkeypatch):
     monkeypatch.setattr(variance_components, "_MAX_PASSES", 1)
-    found = fit(*line(400, 0.005, 0.05, 2))
-    assert found.message == "the additive variance components did not settle"
-    assert found.fit.converged
-    assert not found.converged
+    result = fit(*line(400, 0.005, 0.05, 2))
+    assert result.message == "the additive variance components did not settle"
+    assert result.fit.converged
+    assert not result.converged
 
 
 def test_excess_makes_the_residuals_fit():
     problem = line(400, 0.005, 0.05, 2)
-    found = fit(*problem)
-    assert found.converged
-    assert found.message == ""
-    assert found.additive_sigma_m["all"] == pytest.approx(
+    result = fit(*problem)
+    assert result.converged
+    assert result.message == ""
+    assert result.additive_sigma_m["all"] == pytest.approx(
         0.05, rel=0.1
     )  # its own sigma is 1 / sqrt(2 * 400) = 3.5 %
-    assert reduced(found, found.additive_sigma_m["all"], problem[2]) == pytest.approx(1.0, abs=5e-3)
-    assert found.fit.sigma_m == pytest.approx(np.hypot(problem[2], found.additive_sigma_m["all"]))
+    assert reduced(result, result.additive_sigma_m["all"], problem[2]) == pytest.approx(1.0, abs=5e-3)
+    assert result.fit.sigma_m == pytest.approx(np.hypot(problem[2], result.additive_sigma_m["all"]))
 
 
 def test_strong_observations_do_not_decide_alone():
@@ -76,25 +76,25 @@ def test_strong_observations_do_not_decide_alone():
     partials, observed_m, stated_m = line(100, 0.03, 0.03, 3)
     stated_m = stated_m.copy()
     stated_m[10], observed_m[10] = 3e-5, observed_m[10] + 0.06
-    found = fit(partials, observed_m, stated_m)
-    assert found.converged
-    assert abs(found.fit.x - [2.0, -3.0]).max() < 0.03
-    assert found.fit.sigma_m.min() > 0.01
+    result = fit(partials, observed_m, stated_m)
+    assert result.converged
+    assert abs(result.fit.x - [2.0, -3.0]).max() < 0.03
+    assert result.fit.sigma_m.min() > 0.01
 
 
 def test_outliers_are_not_taken_for_noise():
     partials, observed_m, stated_m = line(150, 0.005, 0.04, 4)
     observed_m[[3, 77, 140]] += [19.0, -2.0, 400.0]
-    found = fit(partials, observed_m, stated_m)
-    assert found.additive_sigma_m["all"] == pytest.approx(0.04, rel=0.2)
-    assert np.flatnonzero(~found.status.are(USED)).tolist() == [3, 77, 140]
+    result = fit(partials, observed_m, stated_m)
+    assert result.additive_sigma_m["all"] == pytest.approx(0.04, rel=0.2)
+    assert np.flatnonzero(~result.status.are(USED)).tolist() == [3, 77, 140]
 
 
 @pytest.mark.parametrize("n", [1, 2])
 def test_no_redundancy_no_excess(n):
-    found = fit(*line(n, 0.01, 5.0, 7))
-    assert found.additive_sigma_m["all"] == 0.0
-    assert found.converged == (n == 2)
+    result = fit(*line(n, 0.01, 5.0, 7))
+    assert result.additive_sigma_m["all"] == 0.0
+    assert result.converged == (n == 2)
 
 
 @pytest.mark.parametrize("seed", range(40))
@@ -106,10 +106,10 @@ def test_comes_to_an_end_that_holds_together(seed):
     observed_m = observed_m + hit * rng.choice([-1.0, 1.0], len(hit)) * np.exp(
         rng.uniform(-4.0, 3.0, len(hit))
     )
-    found = fit(partials, observed_m, stated_m)
-    assert found.converged
-    if found.additive_sigma_m["all"] > 0.0 and not found.message:
-        assert reduced(found, found.additive_sigma_m["all"], stated_m) == pytest.approx(1.0, abs=5e-3)
+    result = fit(partials, observed_m, stated_m)
+    assert result.converged
+    if result.additive_sigma_m["all"] > 0.0 and not result.message:
+        assert reduced(result, result.additive_sigma_m["all"], stated_m) == pytest.approx(1.0, abs=5e-3)
 
 
 def test_significance_can_be_asked_for_or_not():
@@ -133,10 +133,10 @@ def test_parameters_with_a_priori_values_take_only_what_these_leave_open():
     truth = np.concatenate([[2.0], offset_sigma_m * rng.standard_normal(3 * nights)])
     observed_m = partials @ truth + noise_m * rng.standard_normal(len(partials))
     observed_m[100] += 1.0
-    found = fit_with_variance_components(lambda x: (observed_m - partials @ x, partials), parameters, 0.002)
-    assert np.flatnonzero(~found.status.are(USED)).tolist() == [100]
+    result = fit_with_variance_components(lambda x: (observed_m - partials @ x, partials), parameters, 0.002)
+    assert np.flatnonzero(~result.status.are(USED)).tolist() == [100]
     # Two of three observations of a night are redundant: the sigma of what is found is 1 / sqrt(2 * 240), 5 %.
-    assert found.additive_sigma_m["all"] == pytest.approx(noise_m, rel=0.15)
+    assert result.additive_sigma_m["all"] == pytest.approx(noise_m, rel=0.15)
 
 
 @pytest.mark.parametrize("usable", [12, 6])
@@ -152,7 +152,7 @@ def test_parameters_beyond_what_is_determined_take_no_redundancy(usable):
         Labels.coded(("A", "B"), np.arange(n) // 6),
         60.0 * np.arange(n),
     )
-    found = fit_with_variance_components(
+    result = fit_with_variance_components(
         lambda x: (observed_m - partials @ x, partials),
         parameters,
         0.01,
@@ -160,9 +160,9 @@ def test_parameters_beyond_what_is_determined_take_no_redundancy(usable):
         groups=Labels.coded(("first", "second"), np.arange(n) // 6),
         status=status,
     )
-    assert np.isinf(found.fit.covariance[1, 1])
-    assert found.additive_sigma_m["first"] > 0.1
-    assert (found.additive_sigma_m["second"] == 0.0) == (usable == 6)
+    assert np.isinf(result.fit.covariance[1, 1])
+    assert result.additive_sigma_m["first"] > 0.1
+    assert (result.additive_sigma_m["second"] == 0.0) == (usable == 6)
 
 
 @pytest.mark.parametrize("stations_m", [(0.0, 0.0, 0.0, 1e6), (1e-6, 1.0, 1e3, 1e6)])
@@ -172,13 +172,13 @@ def test_errors_of_stations_far_beyond_those_of_delays_are_no_noise(stated_m, st
     network = DelayNetwork.make(epochs=60)
     errors_m = np.tile(stations_m, 60) * np.random.default_rng(1).normal(size=240)
     paths = Labels.of([f"{a}<x>{b}" for a, b in zip(network.first, network.second, strict=True)])
-    found = fit_with_variance_components(
+    result = fit_with_variance_components(
         network.residual_function(network.incidence @ errors_m),
         network.parameters(),
         stated_m,
         order=SeriesOrder.of(Labels.of(["vlbi_delay"] * 360), paths, 600.0 * network.epoch),
         threshold=None,
     )
-    assert found.shared_sigma_m == {}
-    assert found.additive_sigma_m
-    assert np.isfinite(found.fit.x).all()
+    assert result.shared_sigma_m == {}
+    assert result.additive_sigma_m
+    assert np.isfinite(result.fit.x).all()

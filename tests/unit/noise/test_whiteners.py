@@ -38,16 +38,16 @@ def shared(kinds=(0, 1, 2)):
     return SharedAtEpoch(group, source, np.array([-0.7, 0.9]) * (group != ALONE)[:, None])
 
 
-def phases(apart=1, kinds=(3,)):
+def phases(steps=1, kinds=(3,)):
     """Counts of two links, so many steps long, with gaps."""
     link = np.where(np.isin(KIND, kinds), TIME // 4 % 2, ALONE)
     start = TIME // 8 + 3 * (TIME > 90)
-    return DopplerPhase(np.where(link == ALONE, 0.0, 1.0 + link), link, start, start + apart)
+    return DopplerPhase(np.where(link == ALONE, 0.0, 1.0 + link), link, start, start + steps)
 
 
 def processes():
     """Two processes in each row at most: of links, of stations with signs, new at each epoch, a random walk."""
-    made = (
+    calls = (
         Process(4.0, 900.0),
         Process(1.0, 100.0),
         Process(0.5, 0.0),
@@ -55,9 +55,9 @@ def processes():
         Process(walk_m2_s=1e-3, start_s=-120.0),
         Process(2.0, 700.0),
     )
-    which = np.array([[0, 4], [1, NONE], [2, 3], [5, NONE]])[KIND]
+    index = np.array([[0, 4], [1, NONE], [2, 3], [5, NONE]])[KIND]
     sign = np.array([[1.0, 1.0], [1.0, 0.0], [-1.0, 1.0], [0.5, 0.0]])[KIND]
-    return GaussMarkov(60.0 * (TIME // 4), which, sign, made)
+    return GaussMarkov(60.0 * (TIME // 4), index, sign, calls)
 
 
 CASES = {
@@ -118,17 +118,17 @@ def test_whitening_and_its_transpose_multiply_by_the_inverse(covariance, at_once
 
 def test_added_noise_is_independent(covariance):
     added_m = RANDOM.uniform(0.0, 0.5, N)
-    more = covariance.plus(White(added_m))
-    np.testing.assert_allclose(dense(more), dense(covariance) + np.diag(added_m**2), rtol=1e-12)
-    np.testing.assert_allclose(more.white_m, np.hypot(WHITE.sigma_m, added_m), rtol=1e-12)
+    additional = covariance.plus(White(added_m))
+    np.testing.assert_allclose(dense(additional), dense(covariance) + np.diag(added_m**2), rtol=1e-12)
+    np.testing.assert_allclose(additional.white_m, np.hypot(WHITE.sigma_m, added_m), rtol=1e-12)
 
 
 def test_rows_alone_are_whitened_in_the_order_asked_for():
     order = np.argsort(TIME)
     whitener = ObservationCovariance((WHITE, phases())).whitener(order=order)
-    rows = np.concatenate([one.rows for one in whitener.structures])
-    alone = KIND[order] != 3
-    np.testing.assert_array_equal(rows[: alone.sum()], order[alone])
+    rows = np.concatenate([item.rows for item in whitener.structures])
+    separate_fit = KIND[order] != 3
+    np.testing.assert_array_equal(rows[: separate_fit.sum()], order[separate_fit])
 
 
 def test_observations_that_follow_from_others_have_no_weight():
@@ -163,9 +163,9 @@ class Drift:
 
 
 def test_a_term_of_another_package_is_filtered():
-    without = ObservationCovariance(tuple(CASES["blocks and banded"]))
-    noise = without.plus(Drift(0.01 * TIME, 3.0)).select(np.arange(0, N, 2))
-    matrix = dense(without) + np.outer(0.03 * TIME, 0.03 * TIME)
+    reference = ObservationCovariance(tuple(CASES["blocks and banded"]))
+    noise = reference.plus(Drift(0.01 * TIME, 3.0)).select(np.arange(0, N, 2))
+    matrix = dense(reference) + np.outer(0.03 * TIME, 0.03 * TIME)
     used = np.arange(N) % 2 == 0
     assert_generalized(noise.whitener(), matrix[np.ix_(used, used)], np.ones(N // 2, bool), COLUMNS[used])
 

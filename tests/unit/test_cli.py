@@ -211,7 +211,9 @@ def test_study_that_is_a_folder(folder, capsys):
 
 @pytest.mark.study
 def test_output_that_cannot_be_written(run, folder):
-    refused(run(study_of(), "--out", folder / "d.csv"), "d.csv", "cannot be made: File exists")
+    refused(
+        run(study_of(), "--out", folder / "d.csv"), "d.csv", "cannot create the output folder: File exists"
+    )
     refused(run(study_of(), "--out", folder / "d.csv" / "x"), "cannot be made: Not a directory")
     (folder / "out" / "residuals.csv").mkdir(parents=True)
     refused(run(study_of(), "--out", folder / "out"), "residuals.csv")

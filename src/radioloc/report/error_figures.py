@@ -44,7 +44,7 @@ _EPOCH_COUNT, _MAX_LINES = 600, 4
 _MAX_CORRELATED = 40
 _MAX_NUMBERED = 12  # parameters, with numbers in the cells of the matrix
 _MAX_SOURCES = 9
-"""Sources of an error budget; the smallest of more are one bar."""
+"""Number of bars of an error budget; the smallest sources share the last."""
 
 
 @draws_names_literally
@@ -52,13 +52,13 @@ def plot_budget(solution: Solution, ax: Axes | None = None) -> Figure:
     """Draw the sigmas of the position east, north and up by source of error, the largest first."""
     items = by_source(solution.budget)
     if not items:
-        raise NothingToDrawError("the position is held or not determined, so its error has no budget to draw")
+        raise NothingToDrawError("expected a position that is estimated and determined")
     names = [source_name(item.source) for item in items]
     variances_m2 = np.square([item.sigma_m for item in items])
     if len(names) > _MAX_SOURCES:
-        rest = slice(_MAX_SOURCES - 1, None)
-        names[rest] = [f"{len(names[rest])} others"]
-        variances_m2 = np.vstack([variances_m2[: _MAX_SOURCES - 1], variances_m2[rest].sum(axis=0)])
+        small = slice(_MAX_SOURCES - 1, None)
+        names[small] = [f"{len(names[small])} others"]
+        variances_m2 = np.vstack([variances_m2[: _MAX_SOURCES - 1], variances_m2[small].sum(axis=0)])
     names.insert(0, "total")
     sigmas_m = np.sqrt(np.vstack([variances_m2.sum(axis=0), variances_m2]))
     axes = one_panel(ax, 6.4, 1.2 + 0.42 * len(names), f"{solution.name}: error budget")
@@ -68,14 +68,14 @@ def plot_budget(solution: Solution, ax: Axes | None = None) -> Figure:
     sigmas, rows = factor * sigmas_m, np.arange(len(names))
     for k, side in enumerate(EAST_NORTH_UP):
         axes.barh(rows + 0.26 * (k - 1), sigmas[:, k], 0.24, color=COLORS[k], label=side)
-    for row, of_sides_m in enumerate(sigmas_m):
-        note, at = f"{metres(float(np.linalg.norm(of_sides_m)))} m", (float(sigmas[row].max()), row)
+    for row, sigma_m in enumerate(sigmas_m):
+        note, at = f"{metres(float(np.linalg.norm(sigma_m)))} m", (float(sigmas[row].max()), row)
         axes.annotate(note, at, (4, 0), textcoords="offset points", va="center", fontsize=7)
     axes.set_yticks(rows, names)
     axes.set_ylim(len(names) - 0.5, -0.5)
     axes.set_xlim(0.0, 1.15 * float(sigmas.max()))
     axes.axhline(0.5, color="0.4", linewidth=0.8)
-    axes.set_xlabel(f"1 sigma ({unit}); beside the bars: all three together")
+    axes.set_xlabel(f"1 sigma ({unit}); beside the bars: 3D")
     legend_below(axes, ax, 3)
     return axes.figure.figure
 
@@ -83,17 +83,14 @@ def plot_budget(solution: Solution, ax: Axes | None = None) -> Figure:
 @draws_names_literally
 def plot_correlations(solution: Solution, ax: Axes | None = None) -> Figure:
     """Draw the correlation matrix of the estimated parameters."""
-    # Below the diagonal are the correlations of the total covariance; above it, where parameters are considered, those
-    # that the data alone leave.
-    everything = _determined(solution)
-    if len(everything) < 2:
-        raise NothingToDrawError(
-            "fewer than two parameters are estimated and determined, so there is no correlation"
-        )
-    chosen = sorted(everything[:_MAX_CORRELATED])
+    # Lower triangle: total covariance; upper triangle: without consider parameters.
+    determined = _determined(solution)
+    if len(determined) < 2:
+        raise NothingToDrawError("expected at least two parameters that are estimated and determined")
+    chosen = sorted(determined[:_MAX_CORRELATED])
     names = [parameter_name(solution.parameters.names[k]) for k in chosen]
-    total, without = (_covariance(solution, chosen, level) for level in ("total", "scaled"))
-    coefficients = np.tril(_correlation(total)) + np.triu(_correlation(without), 1)
+    total, scaled = (_covariance(solution, chosen, level) for level in ("total", "scaled"))
+    coefficients = np.tril(_correlation(total)) + np.triu(_correlation(scaled), 1)
     side_in = 2.2 + 0.34 * len(names)
     axes = one_panel(ax, side_in + 1.4, side_in + 0.3, f"{solution.name}: correlations")
     image = axes.imshow(coefficients, cmap="RdBu_r", vmin=-1.0, vmax=1.0)
@@ -103,8 +100,8 @@ def plot_correlations(solution: Solution, ax: Axes | None = None) -> Figure:
     notes = []
     if solution.consider is not None:
         notes = ["lower left: total covariance", "upper right: without considered errors"]
-    if len(names) < len(everything):
-        notes.append(f"{len(names)} of {len(everything)} parameters")
+    if len(names) < len(determined):
+        notes.append(f"{len(names)} of {len(determined)} parameters")
     axes.set_title("\n".join(notes), fontsize=8, color="0.3")
     if len(names) <= _MAX_NUMBERED:
         for (row, column), value in np.ndenumerate(coefficients):
@@ -114,14 +111,13 @@ def plot_correlations(solution: Solution, ax: Axes | None = None) -> Figure:
 
 
 def _determined(solution: Solution) -> list[int]:
-    """Places of the parameters that are estimated and determined."""
-    # Those first that it is correlated with most; its own, before them, have 2.
+    """Return the indices of determined parameters, by their correlation with the position's."""
     variances = np.diag(solution.covariance)
     usable = np.flatnonzero(solution.parameters.free & np.isfinite(variances) & (variances > 0.0))
-    own = solution.position_partials[:, usable].any(axis=0)
+    of_position = solution.position_partials[:, usable].any(axis=0)
     correlation = np.abs(_correlation(_covariance(solution, usable.tolist())))
-    shared = np.where(own, 2.0, correlation[:, own].max(axis=1, initial=0.0))
-    return list(usable[np.argsort(-shared, kind="stable")].tolist())
+    order = np.where(of_position, 2.0, correlation[:, of_position].max(axis=1, initial=0.0))
+    return list(usable[np.argsort(-order, kind="stable")].tolist())
 
 
 def _correlation(covariance: Floats) -> Floats:
@@ -135,13 +131,13 @@ def _covariance(solution: Solution, chosen: list[int], level: Level = "total") -
 
 @draws_names_literally
 def plot_trials(study: MonteCarlo, ax: Axes | None = None) -> Figure:
-    """Draw the horizontal errors of each arc's trials with the 95 % ellipses that are claimed and that are found."""
-    good, of = study["converged"] == 1.0, " the orbit from" if study.at_h else " of"
+    """Draw the horizontal errors of each arc's trials with the claimed and the observed 95 % ellipses."""
+    good, relation = study["converged"] == 1.0, " the orbit from" if study.at_h else " of"
     arcs = np.flatnonzero(good.any(axis=0)).tolist()
     if not arcs:
-        raise NothingToDrawError(f"{study.name}: no trial has converged; there is nothing to draw")
+        raise NothingToDrawError(f"{study.name}: expected converged trials")
     if len(arcs) > _MAX_PANELS:
-        raise InputError(f"{len(arcs)} arcs; a figure has room for 1 to {_MAX_PANELS}")
+        raise InputError(f"{study.name}: expected 1 to {_MAX_PANELS} arcs, got {len(arcs)}")
     first, second, _ = study.sides
     errors_m = [study.errors_m[good[:, k], k, :2] for k in arcs]
     claimed_m2 = []
@@ -161,7 +157,7 @@ def plot_trials(study: MonteCarlo, ax: Axes | None = None) -> Figure:
         axes.scatter(*(factor * error_m.T), label="trials", **dots)
         ellipses = [(np.zeros(2), covariance_m2, COLORS[6], "--", "95 % claimed")]
         if len(error_m) > 2:
-            ellipses.insert(0, (error_m.mean(axis=0), np.cov(error_m.T), COLORS[1], "-", "95 % found"))
+            ellipses.insert(0, (error_m.mean(axis=0), np.cov(error_m.T), COLORS[1], "-", "95 % observed"))
         for centre_m, spread_m2, color, dashes, label in ellipses:
             style = {"edgecolor": color, "linestyle": dashes, "linewidth": 1.3, "label": label}
             draw_ellipse(axes, centre_m, spread_m2, SCALE_95, factor, fill=False, **style)
@@ -172,30 +168,30 @@ def plot_trials(study: MonteCarlo, ax: Axes | None = None) -> Figure:
         axes.set_title(f"{study.hours[k]:g} h{when}", fontsize=9)
     for axes in panels[-columns:]:  # the lowest of each column
         axes.tick_params(labelbottom=True)
-        axes.set_xlabel(f"{first}{of} the truth ({unit})")
+        axes.set_xlabel(f"{first}{relation} the truth ({unit})")
     for axes in panels[::columns]:
-        axes.set_ylabel(f"{second}{of} the truth ({unit})")
+        axes.set_ylabel(f"{second}{relation} the truth ({unit})")
     legend_outside(figure, panels[:1], 4)
     return figure.figure
 
 
 @draws_names_literally
 def plot_error_by_length(study: MonteCarlo, ax: Axes | None = None) -> Figure:
-    """Draw errors and claimed sigmas by the length of the arc; of an orbit at the arc's end."""
+    """Draw errors and claimed sigmas by arc length, those of an orbit at the end of the arc."""
     last = {arc.hours: arc for arc in study.arcs if arc is not None}
     arcs = sorted(last.values(), key=lambda arc: arc.hours)
     if not arcs:
-        raise NothingToDrawError(f"{study.name}: no trial has converged; there is nothing to draw")
+        raise NothingToDrawError(f"{study.name}: expected converged trials")
     length = [arc.hours for arc in arcs]
     rms_m, sigma_m = np.array([arc.rms_m for arc in arcs]), np.array([arc.sigma_m for arc in arcs])
-    far_m = np.array([arc.radius_95_m for arc in arcs])
-    factor, unit = length_unit(float(max(rms_m.max(), sigma_m.max(), far_m.max())))
+    radius_m = np.array([arc.radius_95_m for arc in arcs])
+    factor, unit = length_unit(float(max(rms_m.max(), sigma_m.max(), radius_m.max())))
     axes = one_panel(ax, 6.2, 4.6, f"{study.name}: {study.trials} trials")
     style_axes(axes)
     for k, name in enumerate(study.sides):
         axes.plot(length, factor * rms_m[:, k], "o-", color=COLORS[k], markersize=4, label=f"{name}, rms")
         axes.plot(length, factor * sigma_m[:, k], "--", color=COLORS[k], lw=1.0, label=f"{name}, claimed")
-    axes.plot(length, factor * far_m, "s-", color=COLORS[6], markersize=4, label="horizontal, 95 %")
+    axes.plot(length, factor * radius_m, "s-", color=COLORS[6], markersize=4, label="horizontal, 95 %")
     log_scale(axes)
     axes.set_xlabel("length of the arc (h)")
     axes.set_ylabel(f"error of the position ({unit})")
@@ -205,57 +201,57 @@ def plot_error_by_length(study: MonteCarlo, ax: Axes | None = None) -> Figure:
 
 
 def _reach_m(error_m: Floats, claimed_m2: Floats) -> float:
-    """Half the width of a square about the truth that holds all but a few of the trials, and the ellipse."""
-    most_m = float(np.quantile(np.abs(error_m), 0.998, axis=0).max())
-    return 1.1 * max(most_m, SCALE_95 * float(np.sqrt(np.diag(claimed_m2).max())))
+    """Return half the width of a square that contains the ellipse and nearly all trials."""
+    quantile_m = float(np.quantile(np.abs(error_m), 0.998, axis=0).max())
+    return 1.1 * max(quantile_m, SCALE_95 * float(np.sqrt(np.diag(claimed_m2).max())))
 
 
 @draws_names_literally
 def plot_covariance(study: CovarianceStudy, ax: Axes | None = None) -> Figure:
-    """Draw the sigmas by length, and of what they are made."""
+    """Draw the sigmas by length, and their sources."""
     arcs = [arc for arc in study.arcs if arc.determined]
     if not arcs:
-        raise NothingToDrawError(f"{study.name}: no length determines the position; there is nothing to draw")
+        raise NothingToDrawError(f"{study.name}: expected a length that determines the position")
     hours = np.array([arc.hours for arc in arcs])
     figure = several_panels(ax, 7.5, 6.5, study.name)
-    above, below = figure.subplots(2, 1, sharex=True)
+    upper, lower = figure.subplots(2, 1, sharex=True)
     radius_m = np.array([arc.radius_95_m for arc in arcs])
-    above.plot(hours, radius_m, "o-", color="0.1", linewidth=2.0, label="95 % radius, horizontal")
+    upper.plot(hours, radius_m, "o-", color="0.1", linewidth=2.0, label="95 % radius, horizontal")
     for k, axis in enumerate(study.longest.axes):
         sigma_m = [arc.sigma_m[k] for arc in arcs]
-        above.plot(hours, sigma_m, ".-", color=COLORS[k], label=f"1 sigma {axis}")
+        upper.plot(hours, sigma_m, ".-", color=COLORS[k], label=f"1 sigma {axis}")
     if study.reach_m is not None:
         label = f"{metres(study.reach_m)} m"
-        above.axhline(study.reach_m, color="0.5", linestyle="--", linewidth=1.0, label=label)
-    above.set_ylabel("metres")
-    _draw_sources(below, arcs)
-    for axes in (above, below):
+        upper.axhline(study.reach_m, color="0.5", linestyle="--", linewidth=1.0, label=label)
+    upper.set_ylabel("metres")
+    _draw_sources(lower, arcs)
+    for axes in (upper, lower):
         axes.set_xscale("log")
         log_scale(axes)
         style_axes(axes)
         axes.legend(fontsize=7, frameon=False, loc="center left", bbox_to_anchor=(1.0, 0.5))
-    below.set_xticks(hours, [f"{h:.3g}" for h in hours])
-    below.minorticks_off()
+    lower.set_xticks(hours, [f"{h:.3g}" for h in hours])
+    lower.minorticks_off()
     return figure.figure
 
 
 def _draw_sources(axes: Axes, arcs: Sequence[PlannedArc]) -> None:
-    """Draw the horizontal sigma of each source by length, the smallest of many in one line."""
+    """Draw the horizontal sigma of each source by length; the smallest share a line."""
     variances_m2 = [
         {kind: float(by_axis[:2].sum()) for kind, by_axis in arc.by_source().items()} for arc in arcs
     ]
-    kinds = list(dict.fromkeys(kind for of_arc in reversed(variances_m2) for kind in of_arc))
+    kinds = list(dict.fromkeys(kind for item in reversed(variances_m2) for kind in item))
     groups = {source_name(kind): [kind] for kind in kinds}
-    if len(kinds) > len(COLORS):  # no two lines have one colour
+    if len(kinds) > len(COLORS):  # lines differ in colour
         groups = {source_name(kind): [kind] for kind in kinds[: len(COLORS) - 1]}
         groups["others"] = kinds[len(COLORS) - 1 :]
     first_m, last_m = (math.sqrt(max(variances_m2[k].values())) for k in (0, -1))
     bottom_m = max(0.03 * last_m, 1e-4)
     for color, (label, group) in zip(COLORS, groups.items(), strict=False):
-        variance_m2 = [sum(of_arc.get(kind, 0.0) for kind in group) for of_arc in variances_m2]
-        # The legend has no line that is below the edge.
-        seen = label if max(variance_m2) > bottom_m**2 else f"_{label}"
-        axes.plot([arc.hours for arc in arcs], np.sqrt(variance_m2), ".-", color=color, label=seen)
+        variance_m2 = [sum(item.get(kind, 0.0) for kind in group) for item in variances_m2]
+        # The legend omits lines lower the edge.
+        entry = label if max(variance_m2) > bottom_m**2 else f"_{label}"
+        axes.plot([arc.hours for arc in arcs], np.sqrt(variance_m2), ".-", color=color, label=entry)
     axes.set_ylabel("horizontal 1 sigma from each, m")
     axes.set_xlabel("hours from the start")
     axes.set_ylim(bottom=bottom_m, top=2.0 * max(first_m, last_m))
@@ -263,11 +259,11 @@ def _draw_sources(axes: Axes, arcs: Sequence[PlannedArc]) -> None:
 
 @draws_names_literally
 def plot_covariance_on_arc(study: CovarianceStudy, ax: Axes | None = None) -> Figure:
-    """Draw the sigmas of an orbit over the plan, radial, along and across, by the longest of the tracking."""
-    # Lines are solid where the orbit is tracked, and thin before and after it, where it is predicted.
+    """Draw the sigmas of an orbit over the plan, radial, along and across, for the longest arcs."""
+    # Thick lines are the tracked part of the orbit, thin ones its prediction.
     states = [(arc, arc.state) for arc in study.arcs if arc.state is not None]
     if not states:
-        raise NothingToDrawError(f"{study.name}: no length determines an orbit; there is nothing to draw")
+        raise NothingToDrawError(f"{study.name}: expected a length that determines an orbit")
     figure = several_panels(ax, 8.0, 7.5, study.name)
     panels = figure.subplots(3, 1, sharex=True)
     last = states[-1][1].orbit

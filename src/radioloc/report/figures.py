@@ -33,27 +33,27 @@ _P = ParamSpec("_P")
 _R = TypeVar("_R")
 
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
-"""Colours that people with colour-blindness tell apart (Okabe and Ito 2008)."""
+"""Colours for all kinds of colour vision (Okabe and Ito 2008)."""
 
 SCALE_95 = math.sqrt(-2.0 * math.log(0.05))
-"""Ratio of the axes of the ellipse that holds 95 % in the plane to those of one sigma."""
+"""Ratio of the axes of the 95 % ellipse to those of one sigma."""
 
 DPI = 200
-"""Dots per inch of files made of dots."""
+"""Dots per inch of raster files."""
 _MIN_LOG_RATIO = 4.0
-"""Least ratio of the largest value to the smallest: a smaller span may hold none or one of 1, 2, 5, 10 ..."""
+"""Least ratio of the largest value to the smallest; a smaller span may lack ticks at 1, 2, 5, 10 ..."""
 _UNITS = ((1e-3, 1e3, "mm"), (0.5, 1e2, "cm"), (1e3, 1.0, "m"), (float("inf"), 1e-3, "km"))
 _MISSING_GLYPH = re.compile(r"Glyph (\d+) .*missing from")
 _UNDATED = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
-"""Metadata that keeps the time of writing out of a file; PNG has none."""
+"""Metadata that suppress the time of writing."""
 
 
 class NothingToDrawError(InputError):
-    """A result lacks what a figure shows, such as a position that is determined."""
+    """A result lacks the content of a figure, such as a determined position."""
 
 
 def draws_names_literally(plot: Callable[_P, _R]) -> Callable[_P, _R]:
-    """Decorate a function that draws names: a dollar sign starts a formula under no settings of the user."""
+    """Decorate a function that draws names, so that a dollar sign does not start a formula."""
 
     @wraps(plot)
     def draw(*args: _P.args, **kwargs: _P.kwargs) -> _R:
@@ -71,7 +71,7 @@ def draws_names_literally(plot: Callable[_P, _R]) -> Callable[_P, _R]:
 
 
 def _escape_control_characters(drawn: Any) -> None:
-    """Draw control characters of names as escapes; SVG files, which repeat texts as comments, cannot hold them."""
+    """Replace control characters of texts by escapes, as SVG files cannot contain them."""
     from matplotlib.artist import Artist
     from matplotlib.text import Text
 
@@ -82,7 +82,7 @@ def _escape_control_characters(drawn: Any) -> None:
 
 
 def _repeat_warnings(caught: Sequence[warnings.WarningMessage]) -> None:
-    """Issue the warnings that were caught again, those of missing glyphs as one."""
+    """Issue caught warnings again, those of missing glyphs as one."""
     missing = []
     for warning in caught:
         glyph = _MISSING_GLYPH.match(str(warning.message))
@@ -114,17 +114,17 @@ def new_figure(width_in: float, height_in: float, title: str = "") -> Figure:
 
 
 def one_panel(ax: Axes | None, width_in: float, height_in: float, title: str = "") -> Axes:
-    """The axes given, or the only ones of a figure with a title, sizes in inches."""
+    """Return `ax`, or the axes of a new figure with a title, sizes in inches."""
     return new_figure(width_in, height_in, title).add_subplot() if ax is None else ax
 
 
 def several_panels(ax: Axes | None, width_in: float, height_in: float, title: str = "") -> Figure | SubFigure:
-    """A figure with a title for several panels, or in place of the axes given a part of theirs."""
+    """Return a new figure for several panels, or a subfigure in place of `ax`."""
     if ax is None:
         return new_figure(width_in, height_in, title)
     place, figure = ax.get_subplotspec(), ax.figure
     if place is None or figure is None:
-        raise InputError("ax has no place in a grid; give axes that figure.subplots or add_subplot has made")
+        raise InputError("ax: expected axes in a grid, such as those of figure.subplots")
     ax.remove()
     part = figure.add_subfigure(place)
     part.suptitle(title, fontsize=10, fontweight="bold")
@@ -132,10 +132,10 @@ def several_panels(ax: Axes | None, width_in: float, height_in: float, title: st
 
 
 def panel_grid(
-    ax: Axes | None, count: int, most_columns: int, sizes_in: tuple[Any, Any], title: str, **shared: Any
+    ax: Axes | None, count: int, max_columns: int, sizes_in: tuple[Any, Any], title: str, **shared: Any
 ) -> tuple[Figure | SubFigure, list[Axes], int]:
-    """A figure with so many panels in a grid, and its columns; sizes are those of a panel and of all around them."""
-    columns = columns_for(count, most_columns)
+    """Return a figure, its panels in a grid, and the columns; sizes are those of a panel and of the margins."""
+    columns = columns_for(count, max_columns)
     rows = -(-count // columns)
     width_in, height_in = np.multiply(sizes_in[0], (columns, rows)) + sizes_in[1]
     figure = several_panels(ax, width_in, height_in, title)
@@ -147,21 +147,23 @@ def panel_grid(
     return figure, panels[:count], columns
 
 
-def columns_for(count: int, most: int) -> int:
-    """Return the number of columns, from half of the most to all, that leaves the fewest places empty."""
-    return min(range(min(count, most), min(count, most) // 2, -1), key=lambda columns: -count % columns)
+def columns_for(count: int, max_columns: int) -> int:
+    """Return the number of columns, between half the maximum and the maximum, with the fewest empty places."""
+    return min(
+        range(min(count, max_columns), min(count, max_columns) // 2, -1), key=lambda columns: -count % columns
+    )
 
 
 def legend_outside(figure: Figure | SubFigure, panels: Iterable[Axes], columns: int, **style: Any) -> Legend:
-    """A legend below all panels, of what some of them show."""
+    """Add a legend below all panels with the entries of some."""
     entries = (zip(*axes.get_legend_handles_labels(), strict=True) for axes in panels)
-    handles = {label: handle for of_one in entries for handle, label in of_one}
+    handles = {label: handle for pairs in entries for handle, label in pairs}
     style = {"fontsize": 8, "frameon": False} | style
     return figure.legend(handles.values(), handles, loc="outside lower center", ncols=columns, **style)
 
 
 def legend_below(axes: Axes, ax: Axes | None, columns: int) -> None:
-    """A legend below the only panel of a figure; within axes that were given, as ``ax``."""
+    """Add a legend below the only panel of a figure, or within given axes `ax`."""
     if ax is None:
         legend_outside(axes.figure, [axes], columns)
     else:
@@ -170,7 +172,7 @@ def legend_below(axes: Axes, ax: Axes | None, columns: int) -> None:
 
 @draws_names_literally
 def png_of(figure: Figure, dpi: float | str = "figure") -> BytesIO:
-    """A figure as an image."""
+    """Return a figure as a PNG image."""
     image = BytesIO()
     figure.savefig(image, format="png", dpi=dpi)
     image.seek(0)
@@ -178,7 +180,7 @@ def png_of(figure: Figure, dpi: float | str = "figure") -> BytesIO:
 
 
 def style_axes(axes: Axes) -> None:
-    """Give axes the common look: a light grid below the data, no frame at the top and to the right."""
+    """Apply the common style: a light grid below the data, open at the top and to the right."""
     axes.grid(True, color="0.9", linewidth=0.6)
     axes.set_axisbelow(True)
     axes.spines[["top", "right"]].set_visible(False)
@@ -189,7 +191,7 @@ def style_axes(axes: Axes) -> None:
 
 
 def draw_square(axes: Axes, centre_m: Floats | Sequence[float], reach_m: float, origin: str) -> float:
-    """A square east and north of an origin, so far from its centre; the factor from metres to its unit."""
+    """Set the limits to a square east and north of an origin; return the factor from metres to its unit."""
     factor, unit = length_unit(reach_m)
     style_axes(axes)
     axes.set_aspect("equal")
@@ -208,18 +210,18 @@ def draw_ellipse(
     factor: float,
     **style: Any,
 ) -> None:
-    """An error ellipse with axes of so many sigmas, in the unit that a factor leads to from metres."""
+    """Draw an error ellipse of `scale` sigmas; `factor` converts metres to the unit of the axes."""
     from matplotlib.patches import Ellipse
 
     variances, directions = np.linalg.eigh(covariance_m2)
     width, height = 2.0 * factor * scale * np.sqrt(np.maximum(variances, 0.0))
     angle_deg = -(math.degrees(math.atan2(directions[0, 1], directions[1, 1])) % 180.0)
-    at = factor * centre_m[0], factor * centre_m[1]
-    axes.add_patch(Ellipse(at, width, height, angle=angle_deg, **style))
+    centre = factor * centre_m[0], factor * centre_m[1]
+    axes.add_patch(Ellipse(centre, width, height, angle=angle_deg, **style))
 
 
 def log_scale(axes: Axes) -> None:
-    """A logarithmic vertical axis whose ticks all have numbers; linear where the data span too little."""
+    """Make the vertical axis logarithmic with numbers at all ticks, unless the data span too little."""
     from matplotlib.ticker import LogLocator, NullLocator
 
     if not axes.dataLim.y1 > _MIN_LOG_RATIO * axes.dataLim.minposy:
@@ -237,15 +239,15 @@ def panel_title(axes: Axes, text: str, side: str, **style: Any) -> None:
 
 
 def length_unit(size_m: float) -> tuple[float, str]:
-    """Factor from metres and name of the unit in which lengths of about a size read well."""
+    """Return factor from metres and name of the unit for lengths of about a size."""
     for limit_m, factor, name in _UNITS:
         if size_m < limit_m:
             return factor, name
-    raise InputError(f"a length of {size_m} m has no unit; give a finite number")
+    raise InputError(f"length: expected a finite number, got {size_m} m")
 
 
 def utc_dates(epoch_utc: Epochs) -> NDArray[np.datetime64]:
-    """UTC as numpy dates to the millisecond; a leap second is drawn on the midnight after it."""
+    """Return UTC as numpy dates to the millisecond; a leap second becomes the midnight after it."""
     days = (epoch_utc.jd - UNIX_JD).astype(np.int64).astype("datetime64[D]")
     milliseconds = np.rint(epoch_utc.fraction * 86400e3).astype("timedelta64[ms]")
     return days.astype("datetime64[ms]") + milliseconds
@@ -254,7 +256,7 @@ def utc_dates(epoch_utc: Epochs) -> NDArray[np.datetime64]:
 def date_axes(
     panels: Sequence[Axes], dates: NDArray[np.datetime64], ticks: tuple[int, int] = (4, 9), columns: int = 1
 ) -> None:
-    """Label the horizontal axes with UTC dates, as many as fit, below the lowest panel of each column of a grid."""
+    """Label the horizontal axes with UTC dates below the lowest panel of each column."""
     from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 
     locator = AutoDateLocator(minticks=ticks[0], maxticks=ticks[1])
@@ -272,14 +274,14 @@ def date_axes(
 
 @draws_names_literally
 def save_figure(figure: Figure, paths: Iterable[str | Path] | str | Path) -> None:
-    """Write a figure to files of the formats that their names end in, such as ``.png`` and ``.svg``.
+    """Write a figure to files in the formats of their endings, such as ``.png`` and ``.svg``.
 
     Parameters
     ----------
     figure : matplotlib.figure.Figure
         The figure.
     paths : path-like or iterable of path-like
-        One or more files; those made of dots have 200 to the inch.
+        One or more files; raster files have 200 dots per inch.
 
     Raises
     ------

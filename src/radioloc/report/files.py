@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 INCOMPLETE = "INCOMPLETE"
-"""File of a folder whose other files may be of different results, as it was not written to the end."""
+"""File that marks a folder with files of different results, as writing was interrupted."""
 
 
 def write_report(
@@ -52,18 +52,17 @@ def write_report(
     Parameters
     ----------
     folder : path-like
-        Made if it does not exist. Its files are of one result: those of the same names are replaced, others of an
-        earlier such result are removed, and until all are written there is one called ``INCOMPLETE``.
+        Output folder, created if necessary. Files of an earlier result of the type are replaced or removed. The file
+        ``INCOMPLETE`` exists until all files are written.
     result : Solution, ArcStudy, MonteCarlo, CovarianceStudy, LeaveOneOut, Comparison or another registered type
         Result of a job, or of a type that another package registers.
     terms_by : Predictor, optional
-        Predictor of the study of a solution, to write ``terms.csv`` and its figure as well: for each observation, what
-        each active term of the model adds to the computed value at the estimate.
+        Predictor of a solution, for ``terms.csv`` and its figure: the contribution of each active term of the model
+        to each computed value at the estimate.
     html : bool
         Whether to write ``report.html`` as well (:func:`write_html`).
     dem : TerrainModel, optional
-        Terrain to draw the position of a solution on, as ``map.png`` and in the page, where its cells are no larger
-        than three sigmas.
+        Terrain for ``map.png`` and the page, used if its cells are no larger than three sigmas of the position.
 
     Returns
     -------
@@ -73,8 +72,7 @@ def write_report(
     Raises
     ------
     InputError
-        The folder cannot be made or written to, the residuals of a solution have no elevations, or the extra ``report``
-        is not installed and a page is wanted.
+        The folder cannot be written, the residuals lack elevations, or ``html`` needs the extra ``report``.
     OSError
         The disk is full or fails.
 
@@ -92,7 +90,7 @@ def write_report(
     contents = dict(result.files())
     extra_figures: dict[str, Figure | None] = {}
     if isinstance(result, Solution) and terms_by is not None:
-        points = [FixedPoint(one.position_pa_m) for one in result.targets or (result,)]
+        points = [FixedPoint(item.position_pa_m) for item in result.targets or (result,)]
         terms = terms_by.terms(None if terms_by.trajectories else points)
         observations = terms_by.observations
         contents["terms.csv"] = _terms_table(terms, observations)
@@ -119,10 +117,10 @@ def write_report(
 
 
 def earlier_files(declared: ResultType) -> tuple[str, ...]:
-    """Return names and patterns of the files that a result of a type replaces: its own, and those of types alike."""
-    own = _file_patterns(declared)
-    alike = (other for other in map(_file_patterns, RESULTS.values()) if own & other)
-    return (PAGE, *sorted(set().union(own, *alike)))
+    """Return names and patterns of the files that a result replaces, also those of types with common files."""
+    patterns = _file_patterns(declared)
+    related = (item for item in map(_file_patterns, RESULTS.values()) if patterns & item)
+    return (PAGE, *sorted(set().union(patterns, *related)))
 
 
 def _file_patterns(declared: ResultType) -> set[str]:
@@ -139,7 +137,7 @@ def _terms_table(terms: Mapping[str, NDArray[np.float64]], rows: Observations) -
 
 
 def _terrain_map(solution: Solution, dem: TerrainModel) -> Figure | None:
-    """Draw the position on terrain, or without it where that does not reach far enough; None if cells are coarse."""
+    """Draw the position on terrain, or without terrain that is too small; return None if the cells are too large."""
     if not solution.converged or 3.0 * max(solution.sigma_enu_m()) <= dem.metadata.resolution_m:
         return None
     try:
@@ -150,7 +148,7 @@ def _terrain_map(solution: Solution, dem: TerrainModel) -> Figure | None:
 
 @contextmanager
 def _sole_writer(folder: Path) -> Iterator[None]:
-    """Keep other runs out of a folder, incomplete until the end, and remove temporary files of killed ones."""
+    """Lock a folder, mark it as incomplete until the end, and remove temporary files of interrupted runs."""
     marker = folder / INCOMPLETE
     if not marker.exists():
         text = "radioloc has not finished writing here: files may be of different results. Run it again.\n"
@@ -200,14 +198,14 @@ def write_figure(figure: Figure, folder: Path, name: str) -> list[Path]:
 
 
 def made_folder(folder: str | Path) -> Path:
-    """The folder, made with those above it where it does not exist."""
+    """Return the folder, created with its parents if necessary."""
     folder = Path(folder)
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         if disk_failed(error):
             raise
-        raise InputError(f"{folder}: the output folder cannot be made: {error.strerror}") from None
+        raise InputError(f"{folder}: cannot create the output folder: {error.strerror}") from None
     return folder
 
 
@@ -217,27 +215,25 @@ def write_json(path: str | Path, content: Mapping[str, Any]) -> None:
 
 
 def json_text(content: Any, *, ascii_only: bool = False) -> str:
-    """JSON that any other program reads: numpy values as lists and numbers, never NaN."""
+    """Return standard JSON: numpy values as lists and numbers, no NaN."""
     return json.dumps(_plain(content, ""), indent=2, ensure_ascii=ascii_only, allow_nan=False) + "\n"
 
 
-def _plain(value: Any, where: str) -> Any:
-    """Value in the types that JSON has."""
+def _plain(value: Any, place: str) -> Any:
+    """Convert a value to the types of JSON; errors name its place."""
     match value:
         case Mapping():
             return {
-                str(key): _plain(item, f"{where}.{key}" if where else str(key)) for key, item in value.items()
+                str(key): _plain(item, f"{place}.{key}" if place else str(key)) for key, item in value.items()
             }
         case np.ndarray() | np.generic():
-            return _plain(value.tolist(), where)
+            return _plain(value.tolist(), place)
         case list() | tuple():
-            return [_plain(item, f"{where}[{place}]") for place, item in enumerate(value)]
+            return [_plain(item, f"{place}[{k}]") for k, item in enumerate(value)]
         case float() if not math.isfinite(value):
-            raise InputError(f"{where} is {value}, which JSON cannot hold; leave it out or give None")
+            raise InputError(f"{place}: expected a finite number or None for JSON, got {value}")
         case Path():
             return str(value)
         case None | bool() | int() | float() | str():
             return value
-    raise InputError(
-        f"{where} is a {type(value).__name__}, which JSON cannot hold; give numbers, text or lists"
-    )
+    raise InputError(f"{place}: expected numbers, text or lists for JSON, got a {type(value).__name__}")

@@ -39,15 +39,13 @@ if TYPE_CHECKING:
 
 
 _PIXELS = 600
-_SHADES = (3.0, 0.10, ""), (1.0, 0.25, "")  # ellipses of so many sigmas: how opaque they are, no labels
-_SUN_AZIMUTH_DEG, _SUN_ELEVATION_DEG = 315.0, 40.0  # from the upper left, as eyes expect
-_MIN_CELLS = 60.0  # of the terrain or the image, across
+_SHADES = (3.0, 0.10, ""), (1.0, 0.25, "")  # scale of the ellipses in sigmas, opacity, label
+_SUN_AZIMUTH_DEG, _SUN_ELEVATION_DEG = 315.0, 40.0  # from the upper left, as usual for shaded relief
+_MIN_CELLS = 60.0  # cells of the terrain or the image across the map
 _MAX_NAMED_STUDIES = 3  # studies in the title
-_MAX_LONGITUDE_OFFSET_DEG = (
-    150.0  # in longitude from the middle, where lines of it end at a pole that is on the map
-)
-_MAX_DEFAULT_REACH_M = 5e5  # of the edges; the plane that touches the sphere shows no more without distortion
-_MAX_REACH_M = 1e6  # where that is accepted; the corners are on the Moon still
+_MAX_LONGITUDE_OFFSET_DEG = 150.0  # from the middle, where meridians end at a pole on the map
+_MAX_DEFAULT_REACH_M = 5e5  # bound of the distortion by the tangent plane
+_MAX_REACH_M = 1e6  # the corners are still on the Moon
 
 
 @draws_names_literally
@@ -65,16 +63,15 @@ def plot_map(
     Parameters
     ----------
     solutions : Solution, other result with a position, or mapping, or several
-        What to draw; a mapping is what ``solution.json`` holds. The first is in the middle.
+        Positions; a mapping is the content of ``solution.json``. The first is in the middle.
     dem : path-like or TerrainModel, optional
-        An elevation model, drawn with shades; of any format that :class:`~radioloc.lunar.TerrainModel` opens.
+        Elevation model for shaded relief, in a format of :class:`~radioloc.lunar.TerrainModel`.
     base_map : path-like, optional
-        A map image, in place of that; of any format that :class:`~radioloc.lunar.Map` opens.
+        Map image in place of an elevation model, in a format of :class:`~radioloc.lunar.Map`.
     reach_m : float, optional
-        From the middle to the edges, 1000 km at most, m; by default all that is drawn, and some of the ground around
-        it.
+        Distance from the middle to the edges, m, at most 1000 km; by default all positions with a margin.
     ax : matplotlib.axes.Axes, optional
-        Axes to draw in, in place of a figure of its own; without the globe.
+        Axes to draw in, without the globe; by default those of a new figure.
 
     Returns
     -------
@@ -84,8 +81,8 @@ def plot_map(
     Raises
     ------
     InputError
-        There is no position to draw, they are of different axes, both backgrounds are given, a map does not cover what
-        is drawn, or there is no such reach.
+        Positions are missing or have different axes, both backgrounds are given, a background does not cover the map,
+        or the reach is out of bounds.
 
     Examples
     --------
@@ -98,12 +95,11 @@ def plot_map(
     several = [solutions] if isinstance(solutions, Result | Mapping) else list(solutions)
     contents = contents_by_target(several)
     if dem is not None and base_map is not None:
-        raise InputError("give either dem or base_map to draw a map on, not both")
+        raise InputError("expected dem or base_map, got both")
     if reach_m is not None and not 0.0 < reach_m <= _MAX_REACH_M:
-        raise InputError(f"reach_m = {reach_m!r} is not above 0 and at most {_MAX_REACH_M:g} m")
+        raise InputError(f"reach_m: expected a number above 0, at most {_MAX_REACH_M:g} m, got {reach_m!r}")
     frame = _frame(contents)
     plane = TangentPlane(*_place(contents[0]["position"]["me"]))
-    # In the order of the solutions, each once.
     references = dict.fromkeys((item["name"], _place(item)) for c in contents for item in references_of(c))
     ground = _ground(dem, base_map)
     reach_m = _reach_m(contents, references, plane, ground) if reach_m is None else reach_m
@@ -114,7 +110,7 @@ def plot_map(
     axes = one_panel(ax, 6.4, 6.5 + 0.17 * legend_rows, title)
     edges = [factor * edge for edge in (-reach_m, reach_m, -reach_m, reach_m)]
     if ground is not None:
-        image = _shown(ground, plane, reach_m)
+        image = _background(ground, plane, reach_m)
         axes.imshow(image, extent=edges, cmap="gray", interpolation="bilinear")  # type: ignore[arg-type]
     for k, content in enumerate(contents):
         [at_m] = plane.from_longitude_latitude([_place(content["position"]["me"])])
@@ -140,12 +136,12 @@ def _place(angles: Mapping[str, Any]) -> tuple[float, float]:
 
 
 def _frame(contents: Sequence[Mapping[str, Any]]) -> str:
-    """The axes of all positions."""
+    """Return the axes of all positions."""
     if not contents:
-        raise InputError("there is no position to draw on a map")
+        raise InputError("solutions: expected at least one position")
     frames = {position_of(content)["me"]["frame"] for content in contents}
     if len(frames) > 1:
-        raise InputError(f"positions of different axes ({', '.join(sorted(frames))}) do not go on one map")
+        raise InputError(f"solutions: expected positions in the same axes, got {', '.join(sorted(frames))}")
     return str(frames.pop())
 
 
@@ -163,8 +159,8 @@ def _reach_m(
     places = [_place(content["position"]["me"]) for content in contents] + [place for _, place in references]
     offsets_m = np.abs(plane.from_longitude_latitude(places)).max(axis=1)
     offsets_m[: len(sizes_m)] += sizes_m
-    if not offsets_m.max() < _MAX_DEFAULT_REACH_M:  # nor NaN, where the plane does not show the point
-        raise InputError("positions and references are too far apart for one map, 500 km and more")
+    if not offsets_m.max() < _MAX_DEFAULT_REACH_M:  # NaN for a point beyond the plane
+        raise InputError("solutions: expected positions and references within 500 km of the first")
     cell_m = 0.0
     if ground is not None:
         cell_m = ground.resolution_m if isinstance(ground, Map) else ground.metadata.resolution_m
@@ -179,8 +175,8 @@ def _ground(dem: str | Path | TerrainModel | None, base_map: str | Path | None) 
     return None if dem is None else TerrainModel.open(dem, interpolation="bicubic")
 
 
-def _shown(ground: Map | TerrainModel, plane: TangentPlane, reach_m: float) -> NDArray[Any]:
-    """The map image, or the shaded terrain, about the middle."""
+def _background(ground: Map | TerrainModel, plane: TangentPlane, reach_m: float) -> NDArray[Any]:
+    """Return the map image, or the shaded terrain, about the middle."""
     pixel_m = 2.0 * reach_m / _PIXELS
     first_m = reach_m - 0.5 * pixel_m
     if isinstance(ground, Map):
@@ -196,21 +192,23 @@ def _shown(ground: Map | TerrainModel, plane: TangentPlane, reach_m: float) -> N
 
 
 def _draw_grid(axes: Axes, plane: TangentPlane, reach_m: float, factor: float, frame: str) -> None:
-    """Lines of equal longitude and latitude, with their degrees where they leave the map below and to the left."""
+    """Draw lines of equal longitude and latitude with their degrees at the lower and left edges."""
     side = np.linspace(-reach_m, reach_m, 101)
     places = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
     longitude, latitude = plane.to_longitude_latitude(places).T.reshape(2, len(side), len(side))
-    away = (longitude - plane.longitude_deg + 180.0) % 360.0 - 180.0
-    longitude = np.where(np.abs(away) < _MAX_LONGITUDE_OFFSET_DEG, plane.longitude_deg + away, np.nan)
+    offset_deg = (longitude - plane.longitude_deg + 180.0) % 360.0 - 180.0
+    longitude = np.where(
+        np.abs(offset_deg) < _MAX_LONGITUDE_OFFSET_DEG, plane.longitude_deg + offset_deg, np.nan
+    )
     borders = (longitude, longitude[0], axes.set_xticks), (latitude, latitude[:, 0], axes.set_yticks)
-    for angle_deg, along, set_ticks in borders:
-        if not (np.diff(along) > 0.0).all():
+    for angle_deg, border_deg, set_ticks in borders:
+        if not (np.diff(border_deg) > 0.0).all():
             set_ticks([])  # a pole is on the map
             continue
-        step = _nice((along[-1] - along[0]) / 4.0)
-        values = step * np.arange(math.ceil(along[0] / step), math.floor(along[-1] / step) + 1)
+        step = _round_length((border_deg[-1] - border_deg[0]) / 4.0)
+        values = step * np.arange(math.ceil(border_deg[0] / step), math.floor(border_deg[-1] / step) + 1)
         decimals = max(0, -math.floor(math.log10(step) + 1e-9))
-        set_ticks(factor * np.interp(values, along, side), [f"{value:.{decimals}f}" for value in values])
+        set_ticks(factor * np.interp(values, border_deg, side), [f"{value:.{decimals}f}" for value in values])
         look: dict[str, Any] = {"colors": "0.6", "linewidths": 0.4, "linestyles": "-", "alpha": 0.7}
         axes.contour(factor * side, factor * side, angle_deg, values, zorder=1, **look)
     axes.set_xlabel(f"east longitude, {frame} (deg)", fontsize=9)
@@ -218,17 +216,17 @@ def _draw_grid(axes: Axes, plane: TangentPlane, reach_m: float, factor: float, f
     axes.tick_params(labelsize=8, color="0.4")
 
 
-def _nice(size: float) -> float:
-    """The largest of 1, 2, 5 times a power of ten that is not larger."""
+def _round_length(size: float) -> float:
+    """Return the largest of 1, 2, 5 times a power of ten up to a size."""
     power = 10.0 ** math.floor(math.log10(size))
     return next(step * power for step in (5.0, 2.0, 1.0) if step * power <= size * (1.0 + 1e-9))
 
 
 def _draw_scale(axes: Axes, reach: float, unit: str) -> None:
-    """A bar of a round length in the lower right corner."""
+    """Draw a bar of a round length in the lower right corner."""
     from matplotlib.patheffects import withStroke
 
-    length = _nice(0.5 * reach)
+    length = _round_length(0.5 * reach)
     x, y = 0.92 * reach, -0.9 * reach
     halo = [withStroke(linewidth=3, foreground="white")]
     axes.plot([x - length, x], [y, y], color="black", linewidth=2.5, solid_capstyle="butt", path_effects=halo)
@@ -238,7 +236,7 @@ def _draw_scale(axes: Axes, reach: float, unit: str) -> None:
 
 
 def _draw_globe(around: Axes, plane: TangentPlane) -> None:
-    """The side of the Moon that the Earth sees, the Earth's mean direction in its middle, with the site."""
+    """Draw the near side of the Moon, with the mean direction of the Earth in its middle, and the site."""
     axes = around.inset_axes((0.015, 0.80, 0.185, 0.185))
     turn = np.linspace(0.0, 2.0 * np.pi, 121)
     axes.fill(np.cos(turn), np.sin(turn), facecolor=(1.0, 1.0, 1.0, 0.85), edgecolor="0.3", linewidth=0.8)
@@ -251,11 +249,16 @@ def _draw_globe(around: Axes, plane: TangentPlane) -> None:
     axes.plot(0.0, 0.0, "+", color="0.3", markersize=5, markeredgewidth=0.8)
     axes.annotate("Earth", (0.0, 0.0), (2, 2), textcoords="offset points", fontsize=6, color="0.3")
     to_earth, to_east, to_north = plane.axes()[2]
-    seen = to_earth > 0.0
+    is_near = to_earth > 0.0
     axes.plot(
-        to_east, to_north, "o", color=COLORS[1], markersize=4, markerfacecolor=COLORS[1] if seen else "white"
+        to_east,
+        to_north,
+        "o",
+        color=COLORS[1],
+        markersize=4,
+        markerfacecolor=COLORS[1] if is_near else "white",
     )
-    if not seen:
+    if not is_near:
         axes.set_title("far side", fontsize=6, y=-0.12)
     axes.set_aspect("equal")
     axes.axis("off")

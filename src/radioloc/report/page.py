@@ -85,12 +85,12 @@ def write_html(
 
 
 def require_page() -> ModuleType:
-    """Return jinja2, which makes the page of a template."""
+    """Return jinja2, which renders the template of the page."""
     return optional("jinja2", "an HTML report needs jinja2:", "report")
 
 
 def _sections(result: Result, name: str, figures: Mapping[str, Path | BytesIO]) -> list[_Section]:
-    """Return what the page shows, in order."""
+    """Return the sections of the page in order."""
     sections = {title: _Section(title) for title in SECTIONS}
     card = result.card()
     for item in card.fields:
@@ -113,24 +113,24 @@ def _sections(result: Result, name: str, figures: Mapping[str, Path | BytesIO]) 
 def _pngs(
     figure_type: FigureType, result: Result, figures: Mapping[str, Path | BytesIO]
 ) -> Iterator[Path | BytesIO]:
-    """Yield the pictures of a figure: those given by their file names, or else drawn."""
+    """Yield the images of a figure: existing files, or else drawn ones."""
     pattern = re.compile(rf"{figure_type.stem}(_\d+)?")
-    given = [png for stem, png in figures.items() if pattern.fullmatch(stem)]
-    yield from given or (png_of(figure, DPI) for _, figure in figure_type.drawn(result))
+    files = [png for stem, png in figures.items() if pattern.fullmatch(stem)]
+    yield from files or (png_of(figure, DPI) for _, figure in figure_type.drawn(result))
 
 
 def _image(png: Path | BytesIO) -> dict[str, Any]:
-    """A figure within the page; its size is that on a screen of 96 dots per inch."""
+    """Return the data URI of an image, and its size on a screen of 96 dots per inch."""
     from PIL import Image  # which matplotlib needs
 
     flat, rich = BytesIO(), BytesIO()
     with Image.open(png) as image:
         width, height = (round(96 * side / DPI) for side in image.size)
         plain = image.convert("RGB")
-    # What is smaller: of lines and letters it is the first, of clouds of dots and of photographs the second. Among the
-    # ways to choose 256 colours, this one keeps those of maps of colours too, within 2 %.
-    few = plain.quantize(256, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
-    few.save(flat, "webp", lossless=True)
+    # The smaller file is used: the first of lines and letters, the second of photographs. This choice of 256 colours
+    # keeps those of colour maps within 2 %.
+    palette = plain.quantize(256, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
+    palette.save(flat, "webp", lossless=True)
     plain.save(rich, "webp", quality=80)
     data = min(flat.getvalue(), rich.getvalue(), key=len)
     uri = f"data:image/webp;base64,{base64.b64encode(data).decode()}"

@@ -51,18 +51,18 @@ MAX_LINKS = 30
 ENVELOPE_NOTE = (
     f"bars: minimum to maximum in 1/{BINS} of the time; dark: mean \N{PLUS-MINUS SIGN} standard deviation"
 )
-"""Note in a figure with an envelope."""
+"""Note below a figure with an envelope."""
 _REJECTED_COLOR = "#B00020"
 _MAX_VECTOR_MARKS = 800
-"""More marks in one panel are drawn as an image within a vector file."""
-_EDGE = 0.93  # where, in half heights, observations beyond it are shown
-_LEGEND_STRIP = 1.3  # where a panel with a legend ends below, in half heights
-_MAX_TITLE_CHARACTERS = 58  # characters that find room above a panel
+"""Number of marks in a panel above which a vector file contains them as an image."""
+_EDGE = 0.93  # of the half height: position of the marks of observations beyond the panel
+_LEGEND_STRIP = 1.3  # half heights from the middle to the lower edge of a panel with a legend
+_MAX_TITLE_CHARACTERS = 58  # room above a panel
 _BIN_DEG, _MIN_BIN_COUNT = 5.0, 5
-_MIN_REACH_SIGMAS = 4.0  # sigmas, above and below
+_MIN_REACH_SIGMAS = 4.0  # half height of the panel
 _TAIL_SIGMAS = 3.0
 _NORMAL_TAIL_FRACTION = math.erfc(_TAIL_SIGMAS / math.sqrt(2.0))
-_MAX_NAMED_LINKS = len(COLORS) - 1  # links of which terms are drawn
+_MAX_NAMED_LINKS = len(COLORS) - 1  # links with colours of their own
 _MIN_TERM_M = 5e-6  # rounding of light paths
 
 
@@ -72,19 +72,19 @@ def plot_residuals(
 ) -> Figure:
     """Draw residuals over time, one panel for each station.
 
-    Bars are the stated sigmas; of more than 5000 observations of a station the envelope is drawn, as a line below says.
-    Rejected observations are red crosses, or triangles at the edge if they are beyond a panel, which is scaled to the
-    used ones. Ranges have a second scale for the one-way equivalent, counts of one interval one of rates. Of more
-    than twelve stations those with the most observations are drawn, as a line below then says.
+    Bars are the stated sigmas; more than 5000 observations of a station are drawn as an envelope. Panels are scaled to
+    the used observations. Rejected observations are red crosses, or triangles at the edge of the panel. Ranges have a
+    second scale for the one-way equivalent, counts of one interval for rates. The twelve stations with the most
+    observations are drawn.
 
     Parameters
     ----------
     solution : Solution or Residuals
-        What to draw.
+        Source of the residuals.
     title : str, optional
         Title; the solution's name by default.
     ax : matplotlib.axes.Axes, optional
-        Axes of a grid whose place the panels take, in place of a figure of their own.
+        Axes of a grid in whose place the panels are drawn.
 
     Returns
     -------
@@ -94,7 +94,7 @@ def plot_residuals(
     Raises
     ------
     InputError
-        There are no observations.
+        The solution has no observations.
 
     Examples
     --------
@@ -112,8 +112,8 @@ def plot_residuals(
 def plot_links(solution: Solution | Residuals, title: str | None = None, ax: Axes | None = None) -> Figure:
     """Draw residuals over time, a panel for each VLBI baseline and for each station that receives ranges or Doppler.
 
-    Two- and three-way ranges of a station have colours of their own. Panels of a kind share a scale. Of more than
-    thirty links those with the most observations are drawn. All else is as in :func:`plot_residuals`.
+    Two- and three-way ranges of a station differ in colour. Panels of a type share a scale. The thirty links with the
+    most observations are drawn. Marks are those of :func:`plot_residuals`.
 
     Examples
     --------
@@ -132,22 +132,22 @@ def _grid(
     title: str | None,
     ax: Axes | None,
     panels: Sequence[Panel],
-    most: int,
+    max_panels: int,
     noun: str,
-    most_columns: int,
+    max_columns: int,
     sizes_in: tuple[Any, Any],
 ) -> Figure:
-    """A grid of panels over one axis of dates, and below it what is not said in them."""
+    """Draw panels over one axis of dates, with notes below."""
     residuals = residuals_of(solution)
     if title is None:
         name = f"{solution.name}: " if isinstance(solution, Solution) else ""
         title = f"{name}observed \N{MINUS SIGN} computed"
     notes: list[str] = []
-    if len(panels) > most:
-        notes.append(f"{most} of {len(panels)} {noun}, those with the most observations")
-        largest = np.argsort([-len(panel.rows) for panel in panels], kind="stable")[:most]
+    if len(panels) > max_panels:
+        notes.append(f"{max_panels} of {len(panels)} {noun}, those with the most observations")
+        largest = np.argsort([-len(panel.rows) for panel in panels], kind="stable")[:max_panels]
         panels = [panels[k] for k in sorted(largest.tolist())]
-    figure, places, columns = panel_grid(ax, len(panels), most_columns, sizes_in, title, sharex=True)
+    figure, places, columns = panel_grid(ax, len(panels), max_columns, sizes_in, title, sharex=True)
     dates = utc_dates(residuals.epoch_utc)
     for k, (panel, half_height_m) in enumerate(zip(panels, half_heights_m(panels), strict=True)):
         _draw(places[k], residuals, dates, panel, half_height_m, COLORS[k % len(COLORS)])
@@ -164,7 +164,7 @@ def _grid(
 
 
 def _count_of_all(residuals: Residuals, rows: NDArray[np.intp]) -> float | None:
-    """The count interval of some observations, s, if all are counts and have the same."""
+    """Return the count interval of observations, s, or None if it is not the same for all."""
     if residuals.count_s is None:
         return None
     counts_s = np.unique(residuals.count_s[rows])
@@ -172,12 +172,12 @@ def _count_of_all(residuals: Residuals, rows: NDArray[np.intp]) -> float | None:
 
 
 def _second_scale(axes: Axes, label: str, factor: float) -> None:
-    """A scale on the right that is a factor times that on the left."""
-    forth, back = partial(np.multiply, factor), partial(np.multiply, 1.0 / factor)
-    other = axes.secondary_yaxis("right", functions=(forth, back))
-    other.set_ylabel(label, fontsize=8, color="0.4")
-    other.tick_params(labelsize=8, color="0.4", labelcolor="0.4")
-    other.spines["right"].set_visible(False)
+    """Add a scale on the right that is a factor times that on the left."""
+    to_right, to_left = partial(np.multiply, factor), partial(np.multiply, 1.0 / factor)
+    right = axes.secondary_yaxis("right", functions=(to_right, to_left))
+    right.set_ylabel(label, fontsize=8, color="0.4")
+    right.tick_params(labelsize=8, color="0.4", labelcolor="0.4")
+    right.spines["right"].set_visible(False)
 
 
 def _draw(
@@ -188,7 +188,7 @@ def _draw(
     half_height_m: float,
     color: str,
 ) -> None:
-    """Residuals of one panel: of a station in its colour, with bars; of each link in a colour of its own."""
+    """Draw the residuals of a panel: of a station with error bars, or of each link in its colour."""
     axes.axhline(0.0, color="0.4", linewidth=0.8)
     factor, unit = length_unit(abs(panel.middle_m) + half_height_m)
     y, limits = factor * residuals.residual_m, (dates.min(), dates.max())
@@ -197,22 +197,22 @@ def _draw(
     statement = panel.statement(factor, unit)
     handles: list[Any] = []
     for k, (name, rows) in enumerate(panel.links.items()):
-        kept = rows[residuals.used[rows]]
+        used = rows[residuals.used[rows]]
         style: dict[str, Any] = {"color": COLORS[k % len(COLORS)] if panel.like or several else color}
         style["label"] = name if panel.like or several else statement
         if panel.crowded:
-            handles.append(draw_envelope(axes, dates[kept], y[kept], limits, **style))
+            handles.append(draw_envelope(axes, dates[used], y[used], limits, **style))
         elif panel.like:
-            # Thousands of dots are an image within a vector file, or no viewer opens it.
-            handles += axes.plot(dates[kept], y[kept], ".", markersize=2.5, rasterized=True, **style)
+            # Vector files with thousands of dots are too large for viewers: the dots are an image.
+            handles += axes.plot(dates[used], y[used], ".", markersize=2.5, rasterized=True, **style)
         else:
             style |= {"fmt": "o", "markersize": 3.2, "markeredgecolor": "white", "markeredgewidth": 0.3}
-            sigma = factor * residuals.sigma_m[kept]
-            handles.append(axes.errorbar(dates[kept], y[kept], sigma, elinewidth=0.7, alpha=0.85, **style))
+            sigma = factor * residuals.sigma_m[used]
+            handles.append(axes.errorbar(dates[used], y[used], sigma, elinewidth=0.7, alpha=0.85, **style))
     size = 4 if panel.like else 5
     marks = _draw_rejected(axes, dates[panel.out], y[panel.out], middle, half_height, size)
-    below = _LEGEND_STRIP if panel.like and any(panel.links) else 1.0
-    axes.set_ylim(middle - half_height * below, middle + half_height)
+    lower_edge = _LEGEND_STRIP if panel.like and any(panel.links) else 1.0
+    axes.set_ylim(middle - half_height * lower_edge, middle + half_height)
     axes.set_ylabel(f"residual ({unit})", fontsize=8)
     if panel.like:
         panel_title(axes, panel.title, "left", fontsize=7.5, fontweight="bold")
@@ -240,7 +240,7 @@ def _draw(
 def draw_envelope(axes: Axes, dates: Dates, values: Floats, limits: Limits, *, color: str, label: str) -> Any:
     """Draw the envelope of many points and return the handle for a legend."""
     middle, lowest, highest, mean, deviation = envelope_of(dates, values, limits)
-    # Side by side: as wide as a bin, in points of 1/72 inch; an image, so that vector files stay small.
+    # Bars are as wide as a bin, in points of 1/72 inch, and an image, so that vector files stay small.
     width = 72.0 * axes.get_window_extent().width / axes.figure.dpi / BINS
     style: dict[str, Any] = {"color": color, "linewidth": max(width, 0.5), "solid_capstyle": "butt"}
     style |= {"snap": False, "rasterized": True}
@@ -258,50 +258,50 @@ def _draw_rejected(
     size: float,
 ) -> list[Any]:
     """Mark rejected observations, beyond the panel by triangles at its edge; return the handles of the legend."""
-    away, edge = values - middle, _EDGE * half_height
-    beyond = np.abs(away) > edge
+    offsets, edge = values - middle, _EDGE * half_height
+    beyond = np.abs(offsets) > edge
     style: dict[str, Any] = {"color": _REJECTED_COLOR, "markersize": size, "linestyle": "none"}
     handles = []
-    for which, marker, name in (
+    for rows, marker, name in (
         (~beyond, "x", "rejected"),
-        (beyond & (away > 0.0), "^", "rejected, above"),
-        (beyond & (away < 0.0), "v", "rejected, below"),
+        (beyond & (offsets > 0.0), "^", "rejected, above"),
+        (beyond & (offsets < 0.0), "v", "rejected, below"),
     ):
-        if count := int(which.sum()):
-            shown = middle + np.clip(away[which], -edge, edge)
+        if count := int(rows.sum()):
+            shown = middle + np.clip(offsets[rows], -edge, edge)
             style |= {"rasterized": count > _MAX_VECTOR_MARKS, "label": f"{count} {name}"}
-            handles += axes.plot(dates[which], shown, marker, **style)
+            handles += axes.plot(dates[rows], shown, marker, **style)
     return handles
 
 
 def _bars(dates: Dates, low: Floats, high: Floats) -> tuple[Dates, Floats]:
-    """Upright bars as one line with gaps, which is drawn many times as quickly as a line each."""
+    """Return vertical bars as one line with gaps, which is drawn much faster than single lines."""
     return np.repeat(dates, 3), np.stack([low, high, np.full(len(low), np.nan)], axis=-1).ravel()
 
 
 @draws_names_literally
 def plot_terms(terms: Mapping[str, Floats], observations: Observations, ax: Axes | None = None) -> Figure:
-    """Draw what each term adds to the computed values over time, a panel for each term.
+    """Draw the contribution of each term to the computed values over time, a panel for each term.
 
     Parameters
     ----------
     terms : mapping of str to ndarray, shape (n,)
-        The computed value less that without the term, m, as a predictor's ``terms`` gives them.
+        Computed value less the computed value without the term, m, from ``terms()`` of a predictor.
     observations : Observations
-        What was computed, in the same order.
+        Observations of the terms, in the same order.
     ax : matplotlib.axes.Axes, optional
-        Axes of a grid whose place the panels take, in place of a figure of their own.
+        Axes of a grid in whose place the panels are drawn.
 
     Returns
     -------
     matplotlib.figure.Figure
-        Links have colours of their own, those with the most observations where there are more than six. Terms below
-        five micrometres are named in a line below.
+        Links differ in colour, of more than six those with the most observations. A line below names the terms under
+        five micrometres.
 
     Raises
     ------
     InputError
-        There are no terms or no observations, or a term is not of as many values as there are observations.
+        Terms or observations are empty, or their lengths differ.
 
     Examples
     --------
@@ -314,13 +314,17 @@ def plot_terms(terms: Mapping[str, Floats], observations: Observations, ax: Axes
     count = len(observations)
     for name, added_m in terms.items():
         if len(added_m) != count:
-            raise InputError(f"term {name} has {len(added_m)} values, but there are {count} observations")
+            raise InputError(
+                f"term {name}: expected {count} values, one for each observation, got {len(added_m)}"
+            )
     if not count or not terms:
-        raise InputError("there are no terms of observations to draw")
+        raise InputError("terms: expected at least one term and one observation")
     largest_m = {name: float(np.nanmax(np.abs(added_m))) for name, added_m in terms.items()}
     shown = [name for name in terms if largest_m[name] >= _MIN_TERM_M] or list(terms)
     sizes_in = (3.7, 1.7), (0.6, 1.1)
-    figure, panels, columns = panel_grid(ax, len(shown), 4, sizes_in, "what each term adds", sharex=True)
+    figure, panels, columns = panel_grid(
+        ax, len(shown), 4, sizes_in, "contributions of the terms", sharex=True
+    )
     dates = utc_dates(observations.epoch)
     numbers, counts = np.unique(observations.link, return_counts=True)
     named = numbers[np.argsort(-counts, kind="stable")][:_MAX_NAMED_LINKS]
@@ -351,12 +355,12 @@ def plot_distribution(solution: Solution | Residuals, ax: Axes | None = None) ->
     residuals = residuals_of(solution)
     used, elevation_deg = residuals.used, residuals.elevation_deg
     if elevation_deg is None:
-        raise NothingToDrawError("the residuals have no elevations to draw them against")
+        raise NothingToDrawError("residuals: expected elevations; give elevation_deg to build_solution")
     if not used.any():
-        raise NothingToDrawError("no observation is used, so there is no distribution to draw")
+        raise NothingToDrawError("residuals: expected at least one used observation")
     size = residuals.residual_m / residuals.sigma_m
     middle = float(np.median(size[used]))
-    middle *= abs(middle) > _MIN_REACH_SIGMAS  # about zero, but where all residuals are far from it
+    middle *= abs(middle) > _MIN_REACH_SIGMAS  # zero unless all residuals are far from it
     reach = 1.08 * max(_MIN_REACH_SIGMAS, float(np.abs(size[used] - middle).max()))
     name = f"{solution.name}: " if isinstance(solution, Solution) else ""
     figure = several_panels(ax, 8.4, 3.9, f"{name}residuals over their sigmas")
@@ -373,9 +377,9 @@ def plot_distribution(solution: Solution | Residuals, ax: Axes | None = None) ->
     bins = np.floor(elevation_deg[used] / _BIN_DEG)
     numbers, place, count = np.unique(bins, return_inverse=True, return_counts=True)
     rms = np.sqrt(np.bincount(place, size[used] ** 2) / count)
-    many = count >= _MIN_BIN_COUNT
-    at_deg = (numbers[many] + 0.5) * _BIN_DEG
-    left.plot(at_deg, rms[many], "-s", color="black", markersize=3, label=f"rms in {_BIN_DEG:g} deg")
+    is_full = count >= _MIN_BIN_COUNT
+    at_deg = (numbers[is_full] + 0.5) * _BIN_DEG
+    left.plot(at_deg, rms[is_full], "-s", color="black", markersize=3, label=f"rms in {_BIN_DEG:g} deg")
     left.set_xlabel("elevation (deg)")
     left.set_ylabel("residual over sigma")
     left.set_ylim(middle - reach, middle + reach)
@@ -400,7 +404,7 @@ def plot_distribution(solution: Solution | Residuals, ax: Axes | None = None) ->
 
 
 def _draw_dots(axes: Axes, residuals: Residuals, size: np.ndarray) -> None:
-    """Draw the used residuals by type; of very many how dense they are."""
+    """Draw the used residuals by type, or their density if they are very many."""
     used, elevation_deg = residuals.used, residuals.elevation_deg
     assert elevation_deg is not None
     if used.sum() > 4 * MAX_POINTS:

@@ -46,10 +46,10 @@ def build_solution(
 ) -> Solution:
     """Assemble a solution of an edited fit of n observations, its noise scaled to larger residuals.
 
-    `considered` are the errors that are not in the weights of the fit.
+    `considered` are the errors outside the weights of the fit.
     """
-    # `elevation_deg` is the lower of the stations' elevations, `count_s` NaN of what is not counted. `described` are
-    # fields of Solution as they are: position_pa_m, position_partials, rot_pa_to_me, pa_frame and me_frame always.
+    # `elevation_deg` is the lower of the stations' elevations, `count_s` NaN of types that are not counted. `described`
+    # are further fields of Solution, among them position_pa_m, position_partials, rot_pa_to_me, pa_frame and me_frame.
     fit = edited.fit
     statuses = [fit.status if edited.complete else FitStatus.UNSETTLED, *(doubt.status for doubt in doubts)]
     types, paths = Labels.of(type), Labels.of(path)
@@ -105,18 +105,18 @@ def build_solution(
     )
     if consistency:
         by_parameters = None if solution.trajectory is not None else solution.enu_by_parameters
-        found = assess_consistency(edited, order, correlation, epoch_utc, by_parameters, considered)
-        solution = replace(solution, consistency=found)
+        tests = assess_consistency(edited, order, correlation, epoch_utc, by_parameters, considered)
+        solution = replace(solution, consistency=tests)
     return solution
 
 
 def compare_with(
     solution: Solution, reference_pa_m: ArrayLike, name: str = "reference"
 ) -> ReferenceComparison:
-    """Difference of a solution to a known position along the sphere and in height, in metres and in total sigmas."""
+    """Compare a solution with a known position along the sphere and in height, in metres and in total sigmas."""
     reference_pa_m = np.asarray(reference_pa_m)
     longitude_rad, latitude_rad, height_m = cartesian_to_selenographic(solution.rot_pa_to_me @ reference_pa_m)
-    # The arc to the reference, reversed: its direction is that at the estimate, where the covariance is given.
+    # The direction is that of the arc at the estimate, the origin of the covariance.
     axes = solution.rot_pa_to_enu
     difference_m = 0.0 - local_difference(reference_pa_m, solution.position_pa_m, axes).enu_m
     covariance = solution.position_covariance("enu")
@@ -128,7 +128,7 @@ def compare_with(
             root = np.linalg.cholesky(covariance)
             combined = float(np.linalg.norm(np.linalg.solve(root, difference_m)))
         except np.linalg.LinAlgError:
-            combined = None  # a direction is held: there is no inverse
+            combined = None  # a fixed direction makes the covariance singular
     east_m, north_m, up_m = difference_m.tolist()
     return ReferenceComparison(
         name=name,

@@ -17,7 +17,7 @@ from radioloc.tables import TableForm, as_table
 from radioloc.time import Epochs, utc_strings
 
 _MAX_ROWS = 12
-_WHERE = "the file of --out, and with --json"
+_FILE = "the file of --out, and with --json"
 _SIGNAL = {
     "uplink_light_time_s": ("up, s", 7),
     "downlink_light_time_s": ("down, s", 7),
@@ -43,28 +43,28 @@ class LightTimes(Result):
     name : str
         Name of the study.
     start_utc, stop_utc : str
-        First and last epoch that was asked for.
+        First and last requested epoch.
     unseen : int
-        Epochs of links at which not all of their stations see the target; they are no rows.
+        Number of omitted epochs at which a station of the link does not see the target.
     frequency_hz : float or None
-        Of the signal that is received if nothing moves, for the Doppler column.
+        Received frequency without motion, Hz, for the Doppler column.
     epoch : Epochs
-        UTC of the reception at the receiving station.
+        UTC of reception at the receiving station.
     path : Labels
-        Such as ``KASHI>lander>JIAMUSI`` or, one way, ``lander>KASHI``.
+        Paths such as ``KASHI>lander>JIAMUSI`` or, one way, ``lander>KASHI``.
     columns : dict of str to ndarray, shape (n,)
-        In this order; NaN where a link has no first station:
+        Columns in this order; NaN if a link has no first station:
 
-        - ``uplink_light_time_s``, ``downlink_light_time_s``: of the legs in TDB, with the delays by gravity and media.
-        - ``range_m``: round trip as the clocks of the stations tell it, times the speed of light; one way with the
-          target's own clock.
-        - ``range_rate_m_s``: its change with the epoch, as the phase of the carrier has it.
-        - ``doppler_hz``: received frequency less `frequency_hz`; only with one.
-        - ``transmit_...`` and ``receive_...``, of the first station when it sends and of the second at the epoch:
+        - ``uplink_light_time_s``, ``downlink_light_time_s``: legs in TDB, with the delays of gravity and media.
+        - ``range_m``: round trip in the time of the station clocks, times the speed of light; one way with the
+          clock of the target.
+        - ``range_rate_m_s``: derivative of the range from the carrier phase.
+        - ``doppler_hz``: received frequency less `frequency_hz`, if given.
+        - ``transmit_...`` and ``receive_...``, of the first station at transmission and of the second at the epoch:
           ``azimuth_deg``, ``elevation_deg`` without refraction; ``ra_deg``, ``dec_deg``, apparent, of the true equator
           and equinox of date; ``icrs_ra_deg``, ``icrs_dec_deg``, astrometric. All are topocentric.
     status : Labels
-        Empty, or what of the model does not hold, such as the troposphere below 3 degrees, which then is left out.
+        Empty, or the omitted part of the model, such as the troposphere below 3 degrees.
     """
 
     name: str
@@ -104,12 +104,12 @@ class LightTimes(Result):
     @property
     def decimals(self) -> dict[str, int]:
         """Decimals of the columns of numbers in a file."""
-        # Of two units that a name ends in, such as s and m_s, the later applies.
+        # If a name ends in two units, such as s and m_s, the later applies.
         units = _DECIMALS.items()
         return {name: n for unit, n in units for name in self.columns if name.endswith(f"_{unit}")}
 
     def to_dict(self) -> dict[str, Any]:
-        """Return all of it in types that JSON has: columns as lists, ``None`` where there is no number."""
+        """Return all numbers in types that JSON has: columns as lists, NaN as ``None``."""
         columns = {name: [*map(finite_or_none, column)] for name, column in self.columns.items()}
         named = ("name", "start_utc", "stop_utc", "unseen", "frequency_hz")
         texts = {"path": self.path[:].tolist(), "status": self.status[:].tolist()}
@@ -119,9 +119,9 @@ class LightTimes(Result):
         }
 
     def card(self) -> Card:
-        """Return the first rows of each link."""
+        """Return a card with the first rows of each link."""
         count = plural(len(self), "row")
-        unseen = f"; {self.unseen} left out, when a station does not see it" if self.unseen else ""
+        unseen = f"; {self.unseen} omitted, as a station does not see the target" if self.unseen else ""
         pointing = "at reception, no refraction; apparent ra and dec, of date"
         return Card(
             [
@@ -133,8 +133,8 @@ class LightTimes(Result):
             ]
         )
 
-    def _tables(self, label: str, names: dict[str, tuple[str, int]], what: str) -> Iterator[Field]:
-        yield Field(label, [what])
+    def _tables(self, label: str, names: dict[str, tuple[str, int]], caption: str) -> Iterator[Field]:
+        yield Field(label, [caption])
         shown = [name for name in names if name in self.columns and np.isfinite(self[name]).any()]
         heading = ["UTC", *(names[name][0] for name in shown)]
         for code, text in enumerate(self.path.texts):
@@ -147,22 +147,22 @@ class LightTimes(Result):
             ]
             cells = zip(dates, *columns, strict=True)
             if len(rows):
-                yield Field("", [text], heading, cells, more(len(rows), len(first), _WHERE))
+                yield Field("", [text], heading, cells, more(len(rows), len(first), _FILE))
 
 
 @dataclass(frozen=True, slots=True)
 class Pass:
-    """A time in which a station sees the target above its mask."""
+    """Interval in which a station sees the target above its mask."""
 
     station: str  # name in the catalogue
     start_utc: str  # first and last whole second
     stop_utc: str
-    rises: bool  # whether it begins by a rise rather than by the limit of the search
-    sets: bool  # likewise whether it ends by a set
-    hours: float  # how long it lasts
+    rises: bool  # whether it begins with a rise, not at the limit of the search
+    sets: bool  # whether it ends with a set
+    hours: float  # length
     highest_deg: float  # elevation, to the minute, without refraction
     highest_utc: str
-    target: str = ""  # which of several it is
+    target: str = ""  # name of one of several
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,50 +172,52 @@ class Passes(Result):
     name: str  # of the study
     start_utc: str  # limits of the search
     stop_utc: str
-    masks_deg: dict[str, float]  # elevations below which stations do not see the target, in their order
-    target_mask_deg: float  # the same of the target
+    masks_deg: dict[str, float]  # lowest elevations of the target by station
+    target_mask_deg: float  # lowest elevation of the stations at the target
     passes: tuple[Pass, ...]  # by target and station, then in the order of time
     targets: tuple[str, ...] = ()  # names of several
 
     def to_dict(self) -> dict[str, Any]:
-        """Return all of it in types that JSON has."""
+        """Return all fields in types that JSON has."""
         return asdict(self)
 
     def card(self) -> Card:
-        """Return a table of the passes."""
+        """Return a card with a table of the passes."""
         heading = (*["target"] * bool(self.targets), "station", "rise", "set", "hours", "max, deg", "at")
         span = f"{self.start_utc} to {self.stop_utc} UTC"
         masks = sorted(set(self.masks_deg.values()))
-        above = " or ".join(f"{mask:g}" for mask in masks)
+        elevations = " or ".join(f"{mask:g}" for mask in masks)
         return Card(
             [
                 Field("visibility", [self.name]),
                 Field("span", [span]),
-                Field("mask", [f"{above} deg at the stations, {self.target_mask_deg:g} deg at the target"]),
+                Field(
+                    "mask", [f"{elevations} deg at the stations, {self.target_mask_deg:g} deg at the target"]
+                ),
                 Field(
                     "passes", [plural(len(self.passes), "pass", "es")], heading, map(_pass_cells, self.passes)
                 ),
-                Field("never seen", self._never()),
+                Field("never seen", self._unseen()),
             ]
         )
 
-    def _never(self) -> Iterator[str]:
-        seen = {(item.target, item.station) for item in self.passes}
+    def _unseen(self) -> Iterator[str]:
+        visible = {(item.target, item.station) for item in self.passes}
         for target in self.targets or ("",):
-            if unseen := [name for name in self.masks_deg if (target, name) not in seen]:
+            if unseen := [name for name in self.masks_deg if (target, name) not in visible]:
                 yield f"{target} by {', '.join(unseen)}".lstrip()
 
 
-def _pass_cells(seen: Pass) -> tuple[str, ...]:
-    """Month, day and time; the span has the year."""
+def _pass_cells(item: Pass) -> tuple[str, ...]:
+    """Return the cells of a pass, with dates without the year."""
     return (
-        *[seen.target] * bool(seen.target),
-        seen.station,
-        _short(seen.start_utc) if seen.rises else "already up",
-        _short(seen.stop_utc) if seen.sets else "still up",
-        f"{seen.hours:.2f}",
-        f"{seen.highest_deg:.1f}",
-        seen.highest_utc[11:16],
+        *[item.target] * bool(item.target),
+        item.station,
+        _short(item.start_utc) if item.rises else "already up",
+        _short(item.stop_utc) if item.sets else "still up",
+        f"{item.hours:.2f}",
+        f"{item.highest_deg:.1f}",
+        item.highest_utc[11:16],
     )
 
 

@@ -1,7 +1,6 @@
 """Recorded results checked at the boundary: ``solution.json``, ``arcs.json`` and mappings of the same form.
 
-The schema names the keys that other jobs read, with their types and ranges. What passes can be used without further
-checks; other keys are not read, and may be anything.
+The schema lists the keys that other jobs read, with their types and ranges. Other keys are not checked.
 """
 
 from __future__ import annotations
@@ -21,10 +20,10 @@ from radioloc.text_files import json_file
 from radioloc.time import epochs_from_strings
 
 Check = Callable[[Any, str], None]
-"""Raises :class:`InputError` for a value that is not as the schema has it; the text is the place of the value."""
+"""Function that raises :class:`InputError` for an invalid value; the text is its place."""
 
 MAX_COORDINATE_M = 1e12
-"""Largest plausible coordinate or sigma of a position: fits that fail can end far from the Moon."""
+"""Largest accepted coordinate or sigma of a position; fits that fail can end far from the Moon."""
 
 _COORDINATE_TOLERANCE_M = 1.0  # between geographic and Cartesian coordinates of one position
 _SIGMA_TOLERANCE = 1e-6  # relative, between a sigma and the square root of its variance
@@ -32,11 +31,11 @@ _MAX_SHOWN = 60  # characters of a wrong value
 
 
 def read_recorded(path: str | Path, *, require_consistency: bool = True) -> Mapping[str, Any]:
-    """Read a ``solution.json`` or an ``arcs.json`` and check it, without agreement of its numbers if so asked."""
-    what = "is neither a solution.json nor an arcs.json of this version of radioloc; make it again"
-    with json_file(path, what) as content:
+    """Read and check a ``solution.json`` or an ``arcs.json``, by default also the agreement of its numbers."""
+    problem = "is neither a solution.json nor an arcs.json of this version of radioloc; make it again"
+    with json_file(path, problem) as content:
         if not isinstance(content, Mapping):
-            raise InputError(what)
+            raise InputError(problem)
         _check(_ARCS if "positions" in content else _SOLUTION, content, "")
         solutions = [arc["solution"] for arc in content["arcs"]] if "positions" in content else [content]
         if not solutions:
@@ -47,58 +46,58 @@ def read_recorded(path: str | Path, *, require_consistency: bool = True) -> Mapp
 
 
 def check_solution(content: Mapping[str, Any]) -> None:
-    """Check what a ``solution.json`` holds; an InputError names the key of a wrong value."""
+    """Check the content of a ``solution.json``; an InputError names the key of a wrong value."""
     _check(_SOLUTION, content, "")
     _require_consistency(content)
 
 
-def _fail(where: str, expected: str, value: Any) -> NoReturn:
+def _fail(place: str, expected: str, value: Any) -> NoReturn:
     is_short = isinstance(value, float | bool | None) or (isinstance(value, int) and abs(value) < 10**20)
     got = legible(
         repr(value[:_MAX_SHOWN] if isinstance(value, str) else value if is_short else type(value).__name__)
     )
-    raise InputError(f"{where or 'top level'}: expected {expected}, got {got}; make the file again")
+    raise InputError(f"{place or 'top level'}: expected {expected}, got {got}; make the file again")
 
 
-def _check(schema: Any, value: Any, where: str) -> None:
-    """Compare a value with its schema; an InputError names the place of what differs.
+def _check(schema: Any, value: Any, place: str) -> None:
+    """Compare a value with its schema; an InputError names the place of a difference.
 
-    A schema is a mapping of keys, optional where they end in ``?`` and ``*`` for all others; a list of one schema for
-    all items, or of one for each; a tuple of None and a schema for what may be None; or a function that checks.
+    A schema is a mapping of keys (``KEY?``: optional, ``*``: all others), a list of one schema for all items or of one
+    for each, a tuple of None and a schema for optional values, or a function that checks.
     """
     match schema:
         case Mapping():
-            _check_mapping(schema, value, where)
-        case [None, other] if isinstance(schema, tuple):
+            _check_mapping(schema, value, place)
+        case [None, inner] if isinstance(schema, tuple):
             if value is not None:
-                _check(other, value, where)
+                _check(inner, value, place)
         case list():
             if not isinstance(value, Sequence | np.ndarray) or isinstance(value, str):
-                _fail(where, "a list", value)
+                _fail(place, "a list", value)
             if len(schema) not in (1, len(value)):
-                _fail(where, f"a list of {len(schema)}", f"{len(value)} items")
-            for place, item in enumerate(value):
-                _check(schema[place % len(schema)], item, f"{where}[{place}]")
+                _fail(place, f"a list of {len(schema)}", f"{len(value)} items")
+            for k, item in enumerate(value):
+                _check(schema[k % len(schema)], item, f"{place}[{k}]")
         case _:
-            schema(value, where)
+            schema(value, place)
 
 
-def _check_mapping(schema: Mapping[str, Any], value: Any, where: str) -> None:
+def _check_mapping(schema: Mapping[str, Any], value: Any, place: str) -> None:
     if not isinstance(value, Mapping):
-        _fail(where, "an object", value)
+        _fail(place, "an object", value)
     for key, item in value.items() if "*" in schema else ():
-        _check(schema["*"], item, f"{where}.{legible(str(key))}")
-    for stated, of_key in schema.items():
-        key = stated.rstrip("?")
-        place = f"{where}.{key}" if where else key
+        _check(schema["*"], item, f"{place}.{legible(str(key))}")
+    for name, inner in schema.items():
+        key = name.rstrip("?")
+        path = f"{place}.{key}" if place else key
         if key in value:
-            _check(of_key, value[key], place)
-        elif stated not in (f"{key}?", "*"):
-            raise InputError(f"{place}: the key is missing; make the file again")
+            _check(inner, value[key], path)
+        elif name not in (f"{key}?", "*"):
+            raise InputError(f"{path}: the key is missing; make the file again")
 
 
 def _required(is_valid: Callable[[Any], bool], expected: str) -> Check:
-    return lambda value, where: None if is_valid(value) else _fail(where, expected, value)
+    return lambda value, place: None if is_valid(value) else _fail(place, expected, value)
 
 
 def _number(low: float = -math.inf, high: float = math.inf) -> Check:
@@ -118,15 +117,15 @@ def _text(pattern: str = r".+", meaning: str = "a text") -> Check:
     )
 
 
-def _utc(value: Any, where: str) -> None:
+def _utc(value: Any, place: str) -> None:
     try:
         epochs_from_strings([value], "UTC")
     except (TypeError, ValueError):
-        _fail(where, "a date such as 2020-12-01T15:11:00", value)
+        _fail(place, "a date such as 2020-12-01T15:11:00", value)
 
 
 def _require_consistency(value: Mapping[str, Any]) -> None:
-    """Require that the parts of a solution that state the same number agree, also of each of several targets."""
+    """Require that numbers stated twice agree, for each of several targets too."""
     for name, target in value.get("targets", {}).items():
         with error_context(f"targets.{legible(str(name))}:"):
             _require_consistency({**value, **target, "targets": {}})
@@ -138,11 +137,11 @@ def _require_consistency(value: Mapping[str, Any]) -> None:
     _require_spans_and_terrain(value)
     me = value["position"]["me"]
     place = (math.radians(me["longitude_deg"]), math.radians(me["latitude_deg"]), me["height_m"])
-    apart_m = selenographic_to_cartesian(*place) - [me[f"{axis}_m"] for axis in "xyz"]
-    if not np.linalg.norm(apart_m) <= _COORDINATE_TOLERANCE_M:
+    difference_m = selenographic_to_cartesian(*place) - [me[f"{axis}_m"] for axis in "xyz"]
+    if not np.linalg.norm(difference_m) <= _COORDINATE_TOLERANCE_M:
         raise InputError(
             f"position.me: longitude, latitude and height differ from x, y and z by "
-            f"{np.linalg.norm(apart_m):.3g} m; make the file again"
+            f"{np.linalg.norm(difference_m):.3g} m; make the file again"
         )
     covariance = np.array(value["covariance"]["enu_m2"], dtype=np.float64)
     if not np.allclose(covariance, covariance.T, rtol=1e-6, equal_nan=True):
@@ -156,7 +155,7 @@ def _require_consistency(value: Mapping[str, Any]) -> None:
 
 
 def _require_spans_and_terrain(value: Mapping[str, Any]) -> None:
-    """Require what errors of a span of time, and heights above terrain, need to be recognised in other solutions."""
+    """Require the spans of errors and the terrain of heights, by which other solutions recognise them."""
     for key in ("considered", "priors"):
         for place, item in enumerate(value.get(key, ())):
             if ("first_utc" in item) != ("last_utc" in item):
@@ -228,10 +227,10 @@ _ERRORS = {
 _SERIES = {"path": _text(), "type": _text(), "utc_s": [_ANY_NUMBER], "observed_m": [_ANY_NUMBER]}
 
 
-def _series(value: Any, where: str) -> None:
-    _check(_SERIES | {"count_s": _SIGMA, "sigma_m": _number(0.0)}, value, where)
+def _series(value: Any, place: str) -> None:
+    _check(_SERIES | {"count_s": _SIGMA, "sigma_m": _number(0.0)}, value, place)
     if len(value["utc_s"]) != len(value["observed_m"]):
-        _fail(f"{where}.observed_m", f"{len(value['utc_s'])} values, as of utc_s", len(value["observed_m"]))
+        _fail(f"{place}.observed_m", f"{len(value['utc_s'])} values, as of utc_s", len(value["observed_m"]))
 
 
 _SOLUTION = {
@@ -267,15 +266,15 @@ _SOLUTION = {
 _ROW_PLACE = {"longitude_west_deg": _number(-360.0, 360.0), "latitude_deg": _LATITUDE, "height_m": _METRES}
 
 
-def _row(value: Any, where: str) -> None:
+def _row(value: Any, place: str) -> None:
     """Check a row of a table of positions; a reference needs a place."""
     _check(
         {"name": _text(), "method": _text()} | {f"{key}?": _ROW_PLACE[key] for key in _ROW_PLACE},
         value,
-        where,
+        place,
     )
     if value["method"] == "reference":
-        _check(_ROW_PLACE | {"height_m": _LUNAR_HEIGHT}, value, where)
+        _check(_ROW_PLACE | {"height_m": _LUNAR_HEIGHT}, value, place)
 
 
 _ARCS = {"name": _text(), "positions": [_row], "arcs": [{"hours": _number(0.0), "solution": _SOLUTION}]}

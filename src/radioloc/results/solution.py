@@ -54,7 +54,7 @@ ORBIT_FILES = ("orbit.bsp", "orbit.oem", "orbit.opm")
 
 @singledispatch
 def card_of(result: object) -> Card:
-    """Make the card of a solution; :mod:`radioloc.results.solution_card` registers how."""
+    """Return the card of a solution, as registered by :mod:`radioloc.results.solution_card`."""
     raise TypeError(f"expected a Solution, got a {type(result).__name__}")
 
 
@@ -71,28 +71,26 @@ class TargetPosition:
 class Solution(Result):
     """Result of a fit; arrays are read-only.
 
-    Made by :func:`~radioloc.results.build.build_solution`. Three levels of uncertainty are kept:
-    ``"formal"`` from the stated sigmas; ``"scaled"`` with the observation noise scaled up to what the
-    residuals show where that is significantly more, and for residuals that are correlated in time;
-    ``"total"`` with the errors of considered parameters, and with the assumed error of the ephemeris added to the
-    position. What is called sigma without a further word is the total.
+    Sigmas have three levels: ``"formal"`` from the stated sigmas; ``"scaled"`` by larger residuals and their time
+    correlation; ``"total"`` with the errors of consider parameters and, for the position, the assumed ephemeris error.
+    A sigma without a level is the total.
 
     Parameters
     ----------
     name : str
         Name of the study or the target.
     status : FitStatus
-        How the fit ended, and whether its estimate can be used.
+        Outcome of the fit.
     message : str
-        What went wrong, with numbers, or is worth knowing; empty if nothing.
+        Reason of a failure or a remark, with numbers; may be empty.
     parameters : ParameterSet
-        What was solved for, with a-priori values.
+        Parameters with a-priori values.
     values : ndarray, shape (p,)
         Estimated values.
     formal_covariance, covariance : ndarray, shape (p, p)
-        Formal and scaled; infinite variances for what is not determined.
+        Formal and scaled covariance; undetermined parameters have infinite variances.
     noise_scale : float
-        Factor on the stated sigmas that leads from the formal to the scaled covariance.
+        Factor on the stated sigmas in the scaled covariance.
     pa_frame, me_frame : str
         Names of the axes, such as ``"PA_DE421"`` and ``"ME_DE421"``.
     position_pa_m : ndarray, shape (3,)
@@ -102,25 +100,25 @@ class Solution(Result):
     rot_pa_to_me : ndarray, shape (3, 3)
         Rotation from principal to mean-Earth axes.
     ephemeris_sigma_enu_m : ndarray, shape (3,)
-        Assumed error of ephemeris and orientation as seen in the position, east, north, up, m.
+        Assumed error of the position by ephemeris and orientation, east, north, up, m.
     fit : FitStatistics
         Residual statistics.
     residuals : Residuals
         All observations.
     observability : Observability
-        What is determined poorly or not at all.
+        Poorly determined and undetermined combinations.
     time_correlation : TimeCorrelation or None
-        Series whose residuals are correlated in time, and what that adds to the scaled covariance.
+        Series with time-correlated residuals, and their contribution to the scaled covariance.
     series_weights : tuple of SeriesWeight
-        Series that the estimate weighs as fewer observations, since their residuals are correlated in time.
+        Series with reduced weight, as their residuals are correlated in time.
     iterations : int
         Gauss-Newton steps of the last fit.
     passes : int
-        Fits made while editing.
+        Number of fits during outlier rejection.
     reference : ReferenceComparison or None
         Difference to a known position.
     references : tuple of ReferenceComparison
-        Differences to further ones.
+        Differences to further known positions.
     notes : tuple of str
         Sentences on the data and the model that call for an action.
     limitations : tuple of str
@@ -128,20 +126,20 @@ class Solution(Result):
     provenance : mapping
         Kernels with their hashes, tables, versions, settings.
     consider : Consider or None
-        What the considered parameters do to the estimate.
+        Effects of the consider parameters on the estimate.
     prior_effects : ndarray, shape (p, p)
         Change of the estimate by an error of one sigma of each a-priori value (columns).
     targets : tuple of TargetPosition
-        The positions of all targets where there are several; that of the solution is the first's.
+        Positions of several targets; the position of the solution is that of the first.
     consistency : Consistency
-        Groups of observations against the rest, and what does not fit.
+        Tests of groups of observations against all others.
     trajectory : str or None
-        What the target moves along, if it is no point fixed to the Moon. Such a solution has no position: what is
-        derived from one raises :class:`~radioloc.errors.InputError`.
+        Trajectory of a target that is not fixed to the Moon. Properties of the position then raise
+        :class:`~radioloc.errors.InputError`.
     state : OrbitState or None
-        The state of an orbit that was determined, with its covariance; that of the first spacecraft.
+        Estimated state of the first spacecraft, with its covariance.
     states : mapping of str to OrbitState
-        The states of all spacecraft whose orbits were determined, by the names of the targets.
+        Estimated states of all spacecraft, by the names of the targets.
     """
 
     status: FitStatus
@@ -194,32 +192,32 @@ class Solution(Result):
         for name, shape in shapes.items():
             array = read_only(getattr(self, name))
             if array.shape != shape:
-                raise InputError(f"{name} has shape {array.shape}, but {shape} is needed")
+                raise InputError(f"{name}: expected shape {shape}, got {array.shape}")
             set_fields(self, **{name: array})
 
     @property
     def state(self) -> OrbitState | None:
-        """State of the first spacecraft whose orbit was determined."""
+        """Estimated state of the first spacecraft."""
         return next(iter(self.states.values()), None)
 
     @property
-    def known(self) -> list[ReferenceComparison]:
-        """Differences to all known positions, that to the reference first."""
+    def all_references(self) -> list[ReferenceComparison]:
+        """Differences to all known positions, the reference first."""
         return [reference for reference in (self.reference, *self.references) if reference is not None]
 
     def of_target(self, name: str) -> Solution:
-        """Return the solution of one of several targets, with its position and covariance.
+        """Return the solution with the position of one of several targets.
 
         Raises
         ------
         InputError
-            There is no such target.
+            The name is not that of a target.
         """
         for target in self.targets:
             if target.name == name:
-                at_m, partials = target.position_pa_m, target.position_partials
-                alone = replace(self, name=name, position_pa_m=at_m, position_partials=partials)
-                return replace(alone, targets=(), reference=None, references=())
+                position_pa_m, partials = target.position_pa_m, target.position_partials
+                located = replace(self, name=name, position_pa_m=position_pa_m, position_partials=partials)
+                return replace(located, targets=(), reference=None, references=())
         names = ", ".join(target.name for target in self.targets)
         raise InputError(f"target: expected one of {names}, got {name!r}")
 
@@ -235,7 +233,7 @@ class Solution(Result):
 
     @property
     def position(self) -> LunarPosition:
-        """The position as a point in mean-Earth axes, to be given in others (:meth:`LunarPosition.to_frame`).
+        """Position in mean-Earth axes; :meth:`LunarPosition.to_frame` converts it.
 
         Examples
         --------
@@ -243,7 +241,7 @@ class Solution(Result):
         >>> radioloc.compute_residuals("examples/apollo15/apollo15.toml").position
         <LunarPosition 3.500000 deg E, 26.000000 deg N, -1000.0 m (ME_DE421)>
         """
-        self._place_rad()  # of a trajectory there is none
+        self._place_rad()  # raises an error for a trajectory
         return LunarPosition(self.me_frame, self.position_me_m)
 
     @property
@@ -254,7 +252,7 @@ class Solution(Result):
 
     @property
     def rot_pa_to_enu(self) -> Floats:
-        """Rotation from principal axes to east, north, up (of mean-Earth axes) there, shape (3, 3)."""
+        """Rotation from principal axes to east, north, up at the position, shape (3, 3)."""
         longitude_rad, latitude_rad, _ = self._place_rad()
         return np.asarray(east_north_up(longitude_rad, latitude_rad) @ self.rot_pa_to_me)
 
@@ -270,7 +268,7 @@ class Solution(Result):
 
     @property
     def position_estimated(self) -> bool:
-        """True if the position was estimated, not held."""
+        """True if the position was estimated, not fixed."""
         return bool((self._involved & self.parameters.free).any())
 
     @property
@@ -319,8 +317,8 @@ class Solution(Result):
             "me": self.rot_pa_to_me @ self.rot_pa_to_enu.T,
             "geographic": np.diag([1.0 / (radius_m * math.cos(latitude_rad)), 1.0 / radius_m, 1.0]),
         }[axes]
-        turned: Floats = from_enu @ in_enu @ from_enu.T
-        return 0.5 * (turned + turned.T)
+        covariance: Floats = from_enu @ in_enu @ from_enu.T
+        return 0.5 * (covariance + covariance.T)
 
     def sigma_enu_m(self, level: Level = "total") -> Floats:
         """Return standard deviations east, north, up, m, shape (3,); infinite where not determined."""
@@ -331,9 +329,9 @@ class Solution(Result):
         return np.sqrt(np.diag(self.parameter_covariance(level)))
 
     def parameter_covariance(self, level: Level = "total") -> Floats:
-        """Return the covariance of the parameters, shape (p, p); infinite variances for what is not determined.
+        """Return the covariance of the parameters, shape (p, p); undetermined parameters have infinite variances.
 
-        The total one has what the considered parameters add; the assumed error of the ephemeris is the position's only.
+        The total includes consider parameters, not the assumed error of the ephemeris.
         """
         if level == "formal":
             return self.formal_covariance
@@ -341,14 +339,14 @@ class Solution(Result):
         return self.covariance if considered is None else self.covariance + considered.covariance
 
     def ellipse(self, probability: float = 0.95, level: Level = "total") -> Ellipse | None:
-        """Horizontal error ellipse that holds the true point with a probability; None if not determined."""
+        """Return the horizontal error ellipse of a probability; None if not determined."""
         horizontal = self.position_covariance("enu", level)[:2, :2]
         if not np.isfinite(horizontal).all():
             return None
         return horizontal_ellipse(horizontal, probability)
 
     def biases(self, kind: str = "range_bias") -> dict[str, tuple[float, float]]:
-        """Estimated value and sigma of each parameter of a kind, by the station it belongs to."""
+        """Return value and sigma of each parameter of a kind, by station."""
         sigmas = self.sigmas()
         return {
             self.parameters.names[k].partition(".")[2]: (float(self.values[k]), float(sigmas[k]))
@@ -357,13 +355,13 @@ class Solution(Result):
 
     @property
     def budget(self) -> tuple[ErrorSource, ...]:
-        """Sources of the position's total sigma, the largest first; empty where it is held or not determined.
+        """Sources of the position's total sigma, the largest first; empty if it is fixed or not determined.
 
         The squares add up to those of :meth:`sigma_enu_m`.
         """
         if self.trajectory is not None or not (self.position_estimated and self.position_determined):
             return ()
-        found = error_budget(
+        items = error_budget(
             self.parameters,
             self.enu_by_parameters,
             self.position_covariance("enu", "scaled"),
@@ -371,11 +369,11 @@ class Solution(Result):
             self.consider,
             self.ephemeris_sigma_enu_m,
         )
-        return tuple(item for item in found if item.total_m > 0.0)
+        return tuple(item for item in items if item.total_m > 0.0)
 
     @property
     def correlation_factor(self) -> float:
-        """Factor by which the position's scaled sigma grows by the time correlation of residuals; 1 without."""
+        """Factor of the time correlation of residuals on the scaled sigma of the position."""
         if self.time_correlation is None or not self.position_determined:
             return 1.0
         root = self.position_partials
@@ -384,7 +382,7 @@ class Solution(Result):
         return math.sqrt(scaled / (scaled - max(correlated, 0.0)))
 
     def to_dict(self) -> dict[str, Any]:
-        """Return everything but the single residuals, in types that JSON has; None where a number is not finite."""
+        """Return all numbers except single residuals, in types that JSON has; None for numbers that are not finite."""
         series = self.time_correlation.series if self.time_correlation else ()
         content: dict[str, Any] = {
             "name": self.name,
@@ -413,10 +411,8 @@ class Solution(Result):
             },
         }
         if self.targets:
-            each = {target.name: self.of_target(target.name) for target in self.targets}
-            content["targets"] = {
-                name: target._position_dict() | target._error_rows() for name, target in each.items()
-            }
+            located = [self.of_target(target.name) for target in self.targets]
+            content["targets"] = {item.name: item._position_dict() | item._error_rows() for item in located}
         content |= self._error_rows()
         content["observations"] = sample_of(self.residuals)
         content["budget"] = [item.to_dict() for item in self.budget]
@@ -434,19 +430,19 @@ class Solution(Result):
     def to_table(
         self, what: Literal["residuals", "parameters"] = "residuals", form: TableForm = "astropy"
     ) -> Any:
-        """Residuals or parameters as a table.
+        """Return residuals or parameters as a table.
 
         Parameters
         ----------
         what : {"residuals", "parameters"}
-            The unit of a parameter is in the column ``unit``, as each row has its own.
+            Content of the table. Units of parameters are in the column ``unit``.
         form : {"astropy", "pandas"}
             A ``QTable`` with units and ``Time``, or a ``DataFrame``.
 
         Raises
         ------
         InputError
-            Something else is asked for.
+            The content is neither residuals nor parameters.
 
         Examples
         --------
@@ -469,23 +465,23 @@ class Solution(Result):
 
     @property
     def verdict(self) -> str:
-        """Class of the status on the page: ``good``, ``failed``, or empty where nothing was fitted."""
+        """Class of the status on the page: ``good``, ``failed``, or empty without a fit."""
         if not self.parameters.free.any():
             return ""
         return "good" if self.is_usable else "failed"
 
     def files(self) -> Mapping[str, Content]:
-        """Return ``solution.json``, ``residuals.csv`` and of orbits that were determined :data:`ORBIT_FILES`."""
-        found: dict[str, Content] = {
+        """Return ``solution.json``, ``residuals.csv`` and the :data:`ORBIT_FILES` of estimated orbits."""
+        files: dict[str, Content] = {
             "solution.json": self.to_dict(),
             "residuals.csv": residual_table(self.residuals),
         }
         for name, state in self.states.items() if self.converged else ():
-            known = np.isfinite(state.covariance).all() and state.covariance.any()
-            orbit = OrbitFile(state.orbit.integrate(), state.body, state.covariance if known else None)
+            is_known = np.isfinite(state.covariance).all() and state.covariance.any()
+            orbit = OrbitFile(state.orbit.integrate(), state.body, state.covariance if is_known else None)
             stem = f"orbits/{_FILE_NAME.sub('_', name)}" if len(self.states) > 1 else "orbit"
-            found |= {f"{stem}{Path(file).suffix}": orbit for file in ORBIT_FILES}
-        return found
+            files |= {f"{stem}{Path(file).suffix}": orbit for file in ORBIT_FILES}
+        return files
 
     def positions(self) -> Mapping[str, Result]:
         """Return the solution itself, if it has a position that is estimated and determined."""
@@ -501,7 +497,7 @@ class Solution(Result):
         return f"<Solution {self.name}: {place}, {'converged' if self.converged else 'NOT CONVERGED'}>"
 
     def _position_dict(self) -> dict[str, Any]:
-        """Return the position with its uncertainty; None for a target on a trajectory."""
+        """Return the position with its sigmas and covariance; None for a trajectory."""
         if self.trajectory is not None:
             return {"position": None, "sigma": None, "covariance": None}
         levels: tuple[Level, ...] = ("scaled", "formal")
@@ -523,15 +519,15 @@ class Solution(Result):
         }
 
     def _bias_dict(self, kind: str, unit: str) -> dict[str, Any]:
-        """Biases of a kind by station, or by station and pass with its first and last epoch."""
-        found: dict[str, Any] = {}
+        """Return the biases of a kind by station, or by station and pass with its first and last epoch."""
+        biases: dict[str, Any] = {}
         for k, (scope, (value, sigma)) in zip(
             self.parameters.of_kind(kind), self.biases(kind).items(), strict=True
         ):
-            found[scope] = {f"value_{unit}": value, f"sigma_{unit}": finite_or_none(sigma)}
+            biases[scope] = {f"value_{unit}": value, f"sigma_{unit}": finite_or_none(sigma)}
             if span_utc := self.parameters.parameters[k].span_utc:
-                found[scope] |= dict(zip(("first_utc", "last_utc"), span_utc, strict=True))
-        return found
+                biases[scope] |= dict(zip(("first_utc", "last_utc"), span_utc, strict=True))
+        return biases
 
     def _parameter_rows(self) -> list[dict[str, Any]]:
         levels: dict[str, Level] = {"total_sigma": "total", "sigma": "scaled", "formal_sigma": "formal"}
@@ -541,7 +537,7 @@ class Solution(Result):
                 "name": item.name,
                 "unit": item.unit,
                 "value": float(self.values[k]),
-                **{key: finite_or_none(of_level[k]) for key, of_level in sigmas.items()},
+                **{key: finite_or_none(values[k]) for key, values in sigmas.items()},
                 "prior_value": item.prior_value,
                 "prior_sigma": finite_or_none(item.prior_sigma),
                 "fixed": item.fixed,
@@ -550,38 +546,39 @@ class Solution(Result):
         ]
 
     def _error_rows(self) -> dict[str, list[dict[str, Any]]]:
-        """Return how far an error of one sigma of each considered parameter and a-priori value moves the position."""
-        found: dict[str, list[dict[str, Any]]] = {"priors": []}
+        """Return the shift of the position by one sigma of each consider parameter and a-priori value."""
+        rows: dict[str, list[dict[str, Any]]] = {"priors": []}
         if self.consider is not None:
-            moved = None if self.trajectory is not None else self.enu_by_parameters
-            found["considered"] = self.consider.to_list(moved)
+            partials = None if self.trajectory is not None else self.enu_by_parameters
+            rows["considered"] = self.consider.to_list(partials)
         if self.trajectory is not None or not self.position_determined:
-            return found
-        moved_m = self.enu_by_parameters @ self.prior_effects
-        found["priors"] = [
+            return rows
+        shifts_m = self.enu_by_parameters @ self.prior_effects
+        rows["priors"] = [
             {"name": item.name, "unit": item.unit, "value": item.prior_value, "sigma": item.prior_sigma}
             | span_record(item)
-            | {"position_enu_m": moved_m[:, k].tolist()}
+            | {"position_enu_m": shifts_m[:, k].tolist()}
             for k, item in enumerate(self.parameters)
-            if moved_m[:, k].any() and not item.prior_errors  # of these the shared errors are considered
+            if shifts_m[:, k].any()
+            and not item.prior_errors  # others have shared errors, which are considered
         ]
         if shared := shared_prior_effects(self.parameters, self.prior_effects):
-            found.setdefault("considered", []).extend(
+            rows.setdefault("considered", []).extend(
                 {
                     "name": name,
                     "unit": "1",
                     "sigma": 1.0,
-                    "position_enu_m": (self.enu_by_parameters @ moved).tolist(),
+                    "position_enu_m": (self.enu_by_parameters @ effect).tolist(),
                 }
-                for name, moved in shared.items()
+                for name, effect in shared.items()
             )
-        return found
+        return rows
 
     def _place_rad(self) -> tuple[float, float, float]:
-        """East longitude, latitude, rad, and height, m, as :attr:`selenographic`."""
+        """Return :attr:`selenographic` in rad and m."""
         if self.trajectory is not None:
             raise InputError(
-                f"{self.name}: the target moves ({self.trajectory}); it has no position on the Moon"
+                f"{self.name}: expected a target fixed to the Moon, got a trajectory ({self.trajectory})"
             )
         longitude_rad, latitude_rad, height_m = cartesian_to_selenographic(self.position_me_m)
         return float(longitude_rad), float(latitude_rad), float(height_m)

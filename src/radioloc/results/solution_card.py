@@ -316,7 +316,7 @@ def _advice(items: Sequence[ErrorSource]) -> Iterator[str]:
 
 
 def _reference(solution: Solution) -> Iterator[str]:
-    for reference in solution.known:
+    for reference in solution.all_references:
         line = (
             f"solution - {reference.name}: east {metres(reference.east_m)}, north {metres(reference.north_m)}, "
             f"up {metres(reference.up_m)} m; {metres(reference.horizontal_m)} m horizontal, "

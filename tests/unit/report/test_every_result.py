@@ -201,5 +201,5 @@ def test_a_figure_is_drawn_by_its_name_in_axes_given():
         with pytest.raises(InputError, match=words):
             radioloc.report.plot(solution(), name)
     held = replace(solution(), position_partials=np.zeros_like(solution().position_partials))
-    with pytest.raises(InputError, match="held or not determined"):
+    with pytest.raises(InputError, match="estimated and determined"):
         radioloc.report.plot(held, "budget")

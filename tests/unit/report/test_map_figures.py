@@ -89,14 +89,14 @@ def test_the_ground_is_under_the_position():
 @pytest.mark.parametrize(
     ("given", "options", "message"),
     [
-        ([], {}, "no position to draw"),
+        ([], {}, "at least one position"),
         ([content() | {"position": None}], {}, "expected a position"),
-        ([content(), content("b", frame="ME_DE430")], {}, "different axes"),
-        ([content()], {"dem": "a", "base_map": "b"}, "not both"),
+        ([content(), content("b", frame="ME_DE430")], {}, "in the same axes"),
+        ([content()], {"dem": "a", "base_map": "b"}, "got both"),
         ([content(place=(3.0, 26.0)) | {"reference": None}], {"dem": EXAMPLE / "dem.tif"}, "outside"),
-        ([content(), content("far", (3.0, 26.0))], {}, "too far apart"),
-        ([content(), content("behind", (150.0, -26.0))], {}, "too far apart"),
-        ([content()], {"reach_m": math.nan}, "reach_m = nan is not above 0"),
+        ([content(), content("far", (3.0, 26.0))], {}, "within 500 km"),
+        ([content(), content("behind", (150.0, -26.0))], {}, "within 500 km"),
+        ([content()], {"reach_m": math.nan}, "reach_m: expected a number"),
         ([content()], {"reach_m": 3e6}, "at most 1e\\+06 m"),
     ],
 )

@@ -252,7 +252,7 @@ def _draw_sources(axes: Axes, arcs: Sequence[PlannedArc]) -> None:
         # The legend omits lines lower the edge.
         entry = label if max(variance_m2) > bottom_m**2 else f"_{label}"
         axes.plot([arc.hours for arc in arcs], np.sqrt(variance_m2), ".-", color=color, label=entry)
-    axes.set_ylabel("horizontal 1 sigma from each, m")
+    axes.set_ylabel("horizontal 1 sigma by source (m)")
     axes.set_xlabel("hours from the start")
     axes.set_ylim(bottom=bottom_m, top=2.0 * max(first_m, last_m))
 

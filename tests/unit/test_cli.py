@@ -214,7 +214,9 @@ def test_output_that_cannot_be_written(run, folder):
     refused(
         run(study_of(), "--out", folder / "d.csv"), "d.csv", "cannot create the output folder: File exists"
     )
-    refused(run(study_of(), "--out", folder / "d.csv" / "x"), "cannot create the output folder: Not a directory")
+    refused(
+        run(study_of(), "--out", folder / "d.csv" / "x"), "cannot create the output folder: Not a directory"
+    )
     (folder / "out" / "residuals.csv").mkdir(parents=True)
     refused(run(study_of(), "--out", folder / "out"), "residuals.csv")
 

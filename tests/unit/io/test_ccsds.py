@@ -133,7 +133,7 @@ def test_a_position_that_was_held_has_no_covariance(tmp_path):
         ({}, {"start_utc": "yesterday"}, "'yesterday' is not a date"),
     ],
 )
-def test_what_cannot_be_written_is_refused(tmp_path, change, changes, message):
+def test_invalid_options_of_messages_are_refused(tmp_path, change, changes, message):
     options = {"start_utc": DAYS[0], "stop_utc": DAYS[1], "originator": "TEST"} | changes
     with pytest.raises(InputError, match=message):
         write_oem(tmp_path / "a.oem", CONTENT | change, **options)
@@ -216,7 +216,7 @@ def test_codes_that_are_no_spacecrafts(orbit, body, tmp_path):
         write_orbit_spk(tmp_path / "orbit.bsp", orbit, body)
 
 
-def test_messages_that_cannot_be(orbit, tmp_path):
+def test_invalid_orbit_messages_are_refused(orbit, tmp_path):
     with pytest.raises(InputError, match="shape"):
         write_orbit_oem(tmp_path / "orbit.oem", orbit, originator="TEST", covariance=np.eye(3))
 

@@ -66,7 +66,7 @@ def test_weather_is_interpolated_between_records_and_held_outside(crd_lines):
     assert read.relative_humidity == pytest.approx([0.63 + 0.01 * share, 0.64, 0.18], abs=1e-9)
 
 
-def test_weather_far_away_or_not_there_is_not_recorded():
+def test_weather_more_than_two_hours_away_is_missing():
     h4 = "h4  1 2024  4 12  2 15 23 2024  4 12  9 18 19  1 0 0 0 1 0 2 0"
     lines = session("20 8215 728.75 na -1 0", point(8215), point(15415, "2.47"), point(15416, "2.48"), h4=h4)
     read = parse_crd("a.np2", lines, None)
@@ -146,7 +146,7 @@ def test_session_rms_stands_in_for_a_missing_one():
         ("H8", "00", "has no end"),
     ],
 )
-def test_what_cannot_be_used_is_refused_with_its_line(crd_lines, old, new, words):
+def test_unusable_records_are_refused_with_their_line(crd_lines, old, new, words):
     lines, number = replaced(crd_lines, old, new)
     with pytest.raises(FileFormatError, match=words) as caught:
         parse_crd("a.np2", lines, None)
@@ -226,9 +226,7 @@ def h4_of(begin, end):
         ),  # end before begin
     ],
 )
-def test_times_of_a_header_that_contradict_the_points_are_noted_where_date_and_order_are_plain(
-    begin, end, seconds, last
-):
+def test_contradictory_header_times_warn_if_date_and_order_are_unique(begin, end, seconds, last):
     with pytest.warns(DataQualityWarning, match="line 4: "):
         read = parse_crd("a.np2", session(*map(point, seconds), h4=h4_of(begin, end)), None)
     assert seconds_apart(read, [last] * len(read))[-1] < EPOCH_TOLERANCE_S
@@ -242,7 +240,7 @@ def test_times_of_a_header_that_contradict_the_points_are_noted_where_date_and_o
         ("2024 4 12  2 18 23", (8123, 83000)),  # on another date than the header's
     ],
 )
-def test_points_whose_date_is_doubtful_are_refused(end, seconds):
+def test_points_of_ambiguous_date_are_refused(end, seconds):
     with pytest.raises(FileFormatError, match="outside the pass dated by H4"):
         parse_crd("a.np2", session(*map(point, seconds), h4=h4_of("2024 4 12  2 15 23", end)), None)
 

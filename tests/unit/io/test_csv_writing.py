@@ -64,7 +64,7 @@ def test_texts_of_any_script_over_several_blocks(tmp_path):
     ("name", "words"),
     [("\ud800", "is not text"), ("a,b", "between commas"), ('a"', "between"), ("a\nb", "between")],
 )
-def test_texts_that_cannot_be_written(tmp_path, name, words):
+def test_invalid_texts_are_refused(tmp_path, name, words):
     with pytest.raises(InputError, match=words):
         write(tmp_path / "a.csv", {"name": [name]})
     with pytest.raises(InputError, match="is not text"):

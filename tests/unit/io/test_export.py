@@ -32,7 +32,7 @@ def content(ephemeris="DE421", place=PLACE, covariance=COVARIANCE, name="lander 
 
 
 @pytest.mark.parametrize("ephemeris", ["DE421", "DE440"])
-def test_spice_sees_the_earth_from_the_lander_where_it_stands(tmp_path, ephemeris):
+def test_earth_direction_by_spice_from_the_lander_frame(tmp_path, ephemeris):
     solution = content(ephemeris)
     files = write_spice(tmp_path / "lander.bsp", solution)
     seconds = np.array([660446863.123, 978361445.0])
@@ -58,7 +58,7 @@ def test_spice_sees_the_earth_from_the_lander_where_it_stands(tmp_path, ephemeri
     np.testing.assert_allclose(position_km.T * 1e3, [north_m, -east_m, up_m], atol=0.002)
 
 
-def test_what_spice_had_loaded_stays_as_it_was(tmp_path):
+def test_loaded_kernels_of_spice_are_unchanged(tmp_path):
     kernel_count = spiceypy.ktotal("ALL")
     write_spice(tmp_path / "lander.bsp", content(), body=-900)
     assert spiceypy.ktotal("ALL") == kernel_count
@@ -208,7 +208,7 @@ def test_a_position_without_a_covariance_has_no_ellipse(tmp_path):
     assert [feature["geometry"]["type"] for feature in features] == ["Point", "Point"]
 
 
-def test_the_command_writes_what_the_ending_says(tmp_path, capsys):
+def test_export_command_writes_the_format_of_the_ending(tmp_path, capsys):
     solution = tmp_path / "solution.json"
     solution.write_text(json.dumps(content()))
     for name, written in (("a.geojson", ["a.geojson"]), ("b.bsp", ["b.bsp", "b.tf"])):

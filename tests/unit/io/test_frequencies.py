@@ -83,7 +83,7 @@ def test_dates_of_older_readings(tmp_path):
         read_strf(older, [BEACON])
 
 
-def test_three_way_by_what_the_study_says(tmp_path):
+def test_three_way_doppler_with_the_transmitter_of_the_study(tmp_path):
     path = write(tmp_path / "a.dat", "59184.25\t8459278000.5\t10.0\t4171\n")
     got = read_strf(path, [UP_DOWN], catalogue=StationCatalogue.default())
     assert got.paths().tolist() == ["JIAMUSI>ce5>COSPAR 4171"]
@@ -156,7 +156,7 @@ def test_the_same_readings_in_two_formats(tmp_path):
         ({"target": "a>b"}, "got 'a>b'"),
     ],
 )
-def test_agreements_that_cannot_be(fields, problem):
+def test_invalid_agreements_are_refused(fields, problem):
     with pytest.raises(InputError, match=problem):
         FrequencyAgreement(**{"transmit_hz": 2.2e9, "sigma_hz": 1.0} | fields)
 
@@ -176,7 +176,7 @@ def test_files_that_are_refused(text, problem, tmp_path):
         read_observations(path, frequencies=[BEACON])
 
 
-def test_what_was_sent_must_be_said(tmp_path):
+def test_missing_transmitted_frequency_is_refused(tmp_path):
     path = write(tmp_path / "a.dat", READINGS)
     with pytest.raises(FileFormatError, match=r"give transmit_hz .* \[\[observations.frequencies\]\]"):
         read_observations(path, frequencies=[FrequencyAgreement(2e9, 1.0, files="*.txt")])

@@ -15,7 +15,7 @@ def changed(lines, first, last, text):
     return [lines[0], line[: first - 1] + text + line[last:], *lines[2:]]
 
 
-def test_each_column_lands_where_it_belongs(mini_lines):
+def test_columns_of_a_normal_point(mini_lines):
     read = parse_mini("a.np", mini_lines, None)
     assert len(read) == 3
     assert read.paths().tolist() == ["7045>apollo15>7045", "7045>apollo11>7045", "7045>luna21>7045"]
@@ -57,7 +57,7 @@ def test_weather_left_blank_is_not_recorded(mini_lines):
         (73, 79, "", "was cut"),
     ],
 )
-def test_what_cannot_be_used_is_refused_with_its_line(mini_lines, first, last, text, words):
+def test_unusable_lines_are_refused_with_their_number(mini_lines, first, last, text, words):
     with pytest.raises(FileFormatError, match=words) as caught:
         parse_mini("a.np", changed(mini_lines, first, last, text), None)
     assert caught.value.line == 2

@@ -144,7 +144,7 @@ def test_a_study_changes_sigmas_and_the_catalogue_names_stations(written):
     assert len(result.ramps) == 2
 
 
-def test_a_reference_that_the_exciter_gives_is_what_was_sent(written):
+def test_reference_frequency_of_the_exciter(written):
     result = read_odf(written([doppler(0, independent=0)], ramps=[]))
     assert not result.ramped.any()
     assert len(result.ramps) == 0
@@ -157,13 +157,13 @@ def test_the_spacecraft_of_the_label_is_that_of_the_records(written):
         read_odf(written([doppler(0), doppler(1, spacecraft=177)]))
 
 
-def test_clock_offsets_that_are_not_applied_are_said(written):
+def test_unapplied_clock_offsets_warn(written):
     clock = {"start_s": 10, "offset_ns": 500, "station": 14, "second_station": 24, "stop_s": 20}
     with pytest.warns(DataQualityWarning, match="1 records of clock offsets .* are not applied"):
         assert len(read_odf(written([doppler(0)], clocks=[clock]))) == 1
 
 
-def test_what_cannot_be_used_is_said(written):
+def test_unusable_records_warn_with_counts(written):
     records = [doppler(k) for k in range(3)]
     records += [
         doppler(3, invalid=1),
@@ -207,7 +207,7 @@ def test_a_second_receiver_and_calibrated_ranges(written):
         ({"item_21": 0}, "record 6: its count interval is zero"),
     ],
 )
-def test_records_that_cannot_be(written, change, problem):
+def test_invalid_records_are_refused(written, change, problem):
     with pytest.raises(FileFormatError, match=problem):
         read_odf(written([doppler(0, **change)]))
 

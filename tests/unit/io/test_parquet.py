@@ -48,7 +48,7 @@ def some_observations(count=6):
     )
 
 
-def test_what_is_written_is_read_again_to_the_last_bit(tmp_path):
+def test_round_trip_to_the_last_bit(tmp_path):
     observations = some_observations()
     write_parquet(tmp_path / "a.parquet", observations)
     read = read_observations(tmp_path / "a.parquet")
@@ -161,7 +161,7 @@ DATES = pyarrow.array(np.array(["2020-12-01"] * 3, "M8[D]"))
         ),
     ],
 )
-def test_what_cannot_be_used_is_refused_with_its_row(tmp_path, changes, row, words):
+def test_unusable_rows_are_refused_with_their_number(tmp_path, changes, row, words):
     with pytest.raises(FileFormatError, match=words) as caught:
         read_columns(tmp_path, **changes)
     assert caught.value.line == row

@@ -46,7 +46,7 @@ def test_values_of_each_row(table_lines):
 
 
 @pytest.mark.parametrize("light_time", [False, True])
-def test_what_was_read_is_written_and_read_again_unchanged(crd_lines, tmp_path, light_time):
+def test_round_trip_of_a_table(crd_lines, tmp_path, light_time):
     from radioloc.io.crd import parse_crd
 
     first = parse_crd("a.np2", crd_lines, None)
@@ -123,7 +123,7 @@ def test_columns_in_any_order_and_half_of_them_quoted():
         ("GRASSE>AP15>GRASSE", '"GRASSE>AP15>GRASSE', 6, "quotes|fields"),
     ],
 )
-def test_what_cannot_be_used_is_refused_with_its_line(table_lines, old, new, line, words):
+def test_unusable_rows_are_refused_with_their_line(table_lines, old, new, line, words):
     text = "\n".join(table_lines)
     assert old in text
     with pytest.raises(FileFormatError, match=words) as caught:
@@ -191,7 +191,7 @@ def test_blocks_and_quotes_make_no_difference(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("number", [0, 57, 199])
-def test_a_mistake_far_down_is_told_with_its_line(tmp_path, monkeypatch, number):
+def test_error_far_down_names_its_line(tmp_path, monkeypatch, number):
     monkeypatch.setattr(table, "read_blocks", lambda path: read_blocks(path, 1000))
     lines = rows(200)
     lines[number] = lines[number].replace("range", "rnage")
@@ -248,7 +248,7 @@ def test_numbers_of_any_size_and_length_are_the_nearest_floats(values, decimals)
 @pytest.mark.parametrize(
     "text", ["", "-", "e5", "1e", "1e+", "1.2.3", "1e5.5", "1_0", "٣", "1 2", "--5", "0x10", "1d5"]
 )
-def test_what_is_no_number(text):
+def test_invalid_numbers(text):
     with pytest.raises(FileFormatError, match="expected a number") as caught:
         read_values("1.5", text, "2.5")
     assert caught.value.line == 3

@@ -568,6 +568,6 @@ def test_measurements_outside_of_start_and_stop():
         ({"turnaround": (880, 0)}, "two whole numbers"),
     ],
 )
-def test_agreements_that_cannot_be(fields, problem):
+def test_invalid_agreements_are_refused(fields, problem):
     with pytest.raises(InputError, match=problem):
         TdmAgreement(**fields)

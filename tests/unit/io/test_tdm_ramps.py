@@ -50,7 +50,7 @@ def computed(model, observations):
     return ExactPredictor(model, observations, FixedPoint(LANDER_PA_M)).compute()
 
 
-def test_ramped_doppler_there_and_back(model, tmp_path):
+def test_round_trip_of_ramped_doppler(model, tmp_path):
     modelled = computed(model, counts())
     assert (modelled.status == 0).all()
     noise_m = np.random.default_rng(3).normal(0.0, 0.01, 15)
@@ -78,7 +78,7 @@ def test_the_same_by_another_reference_frequency(model, tmp_path):
     assert np.abs(read.value_m - computed(model, read).value_m).max() < TOLERANCE_M
 
 
-def test_ramped_ranges_there_and_back(model, tmp_path):
+def test_round_trip_of_ramped_ranges(model, tmp_path):
     """Ranges are in units of a nanosecond at the first frequency, ambiguous by a modulus."""
     ranges = counts(kind=RANGE, link=0, count_s=np.nan, value_m=7.7e8, modulus_m=3e5)
     modelled_m = computed(model, ranges).value_m
@@ -142,7 +142,7 @@ def test_a_beacon_that_changes_its_frequency(model, tmp_path):
     np.testing.assert_allclose(reread.value_m - computed(model, reread).value_m, residual_m, atol=TOLERANCE_M)
 
 
-def test_ambiguous_ranges_there_and_back(tmp_path):
+def test_round_trip_of_ambiguous_ranges(tmp_path):
     ranges = Observations.from_columns(
         epoch=epochs_from_strings(["2021-03-28T14:00:00", "2021-03-28T14:01:00"], "UTC"),
         links=[Link("KASHI", "lander", "KASHI")],

@@ -94,7 +94,7 @@ def test_messages_of_several_observers(tmp_path):
         read_observations(files[1:])
 
 
-def test_three_way_by_what_is_known_of_the_sender(tmp_path):
+def test_three_way_doppler_with_an_agreed_transmitter(tmp_path):
     """The message says that the spacecraft sends; that it answers a station is known from elsewhere."""
     (tmp_path / "a.tdm").write_text(
         AMATEUR.replace("2022-11-20T14:23:56.890   2216499794.8\n", "2022-11-20T14:24:00 2216499794.8\n")
@@ -142,7 +142,7 @@ def test_differenced_doppler():
     assert got.sigma_m[0] == pytest.approx(10.0 * C_M_S * 0.5 * np.sqrt(2.0) / 8.4e9, rel=1e-15)
 
 
-def test_the_wavelength_of_a_delay_is_that_of_what_is_received():
+def test_wavelength_of_a_delay_by_the_received_frequency():
     """With a known uplink, the target sends it times the ratio."""
     uplink = FrequencyAgreement(7.2e9, 0.5, transmitter="KASHI", turnaround=(880, 749))
     got = read(

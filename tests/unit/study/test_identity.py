@@ -78,7 +78,7 @@ def test_the_naif_code_of_a_study_is_compared_with_the_number_of_the_tracking():
     assert spacecraft_doubts(replace(study, target_name="LRO"), tracked, model) == []  # body is -999
 
 
-def test_calibrations_are_compared_with_the_naif_code_where_the_tracking_has_no_number(tmp_path):
+def test_calibrations_are_compared_with_the_naif_code_without_a_tracking_number(tmp_path):
     (tmp_path / "cards.ion").write_text(ION.format(59))
     study = radioloc.read_study(EXAMPLES / "orbiter" / "orbiter.toml")
     tracked = radioloc.read_observations(EXAMPLES / "orbiter" / "tracking.csv")

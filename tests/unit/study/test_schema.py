@@ -132,7 +132,7 @@ def test_rules_and_unknown_keys(content, message):
     assert str(caught.value).startswith(f"a.toml: {message}")
 
 
-def test_errors_of_what_is_built_name_the_table():
+def test_errors_of_built_records_name_the_table():
     def make(*, a, b=7):
         if a > b:
             raise InputError(f"a is {a}")

@@ -21,7 +21,7 @@ def read(folder, text=EXAMPLE):
     return radioloc.read_study(path)
 
 
-def test_what_is_read(tmp_path):
+def test_every_key_is_read(tmp_path):
     scenario = read(tmp_path).simulation
     ranging, doppler = scenario.schedule.sessions
     assert ranging.pairs == tuple((a, b) for a in ("JIAMUSI", "KASHI") for b in ("JIAMUSI", "KASHI"))
@@ -87,7 +87,7 @@ def test_links_follow_from_the_kind(tmp_path):
     assert session.pairs == one_way("KASHI")
 
 
-def test_without_files_there_is_nothing_to_locate(tmp_path):
+def test_locate_without_files_is_refused(tmp_path):
     with pytest.raises(InputError, match="only a simulation"):
         radioloc.locate(read(tmp_path))
 

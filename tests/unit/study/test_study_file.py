@@ -312,7 +312,7 @@ def test_delays_of_equipment(read):
         ("station_delay_s = { APOLLO = {}, 7045 = {} }", "7045 duplicates APOLLO"),
     ],
 )
-def test_what_are_no_delays(line, message, read):
+def test_invalid_delays_are_refused(line, message, read):
     refused(read, TARGET + FILES + "[model]\n" + line + "\n", message)
 
 

@@ -46,7 +46,7 @@ def observations():
         ([Weight(sigma_m=9.0), Weight(files="a.csv", sigma_m=1.0)], [1, 1, 9, 9]),
     ],
 )
-def test_entries_apply_in_order_where_all_selectors_hold(weights, expected_m):
+def test_entries_apply_in_order_to_rows_that_all_selectors_match(weights, expected_m):
     stated = observations()
     result = weighted_observations(stated, weights, CATALOGUE)
     np.testing.assert_allclose(result.sigma_m, expected_m, rtol=ROUNDING)
@@ -64,7 +64,7 @@ def test_entries_apply_in_order_where_all_selectors_hold(weights, expected_m):
         (Weight(factor=1e307), "zero or not finite"),
     ],
 )
-def test_what_cannot_be_applied_is_an_error(weight, words):
+def test_inapplicable_entries_are_refused(weight, words):
     with pytest.raises(InputError, match=words):
         weighted_observations(observations(), [Weight(factor=100.0), weight], CATALOGUE)
 
@@ -76,7 +76,7 @@ def test_what_cannot_be_applied_is_an_error(weight, words):
         ({"type": "range"}, "expected sigma_m, factor or extra_sigma_m"),
     ],
 )
-def test_entries_that_cannot_be(fields, words):
+def test_invalid_entries_are_refused(fields, words):
     with pytest.raises(InputError, match=words):
         Weight(**fields)
 

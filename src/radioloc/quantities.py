@@ -11,7 +11,7 @@ import inspect
 from collections.abc import Callable, Mapping
 from dataclasses import fields
 from functools import wraps
-from typing import Any, ParamSpec, TypeVar
+from typing import TYPE_CHECKING, Any, ParamSpec, TypeAlias, TypeVar
 
 import numpy as np
 
@@ -19,6 +19,15 @@ from radioloc.constants import J2000_JD, SECONDS_PER_DAY
 from radioloc.errors import InputError
 from radioloc.time import Epochs, to_scale, utc_strings
 from radioloc.units import as_metres, in_unit, set_fields, unit_of
+
+if TYPE_CHECKING:
+    from astropy.time import Time
+    from astropy.units import Quantity
+
+EpochsLike: TypeAlias = "Epochs | Time"
+"""Epochs, or an astropy ``Time`` of any scale."""
+FloatLike: TypeAlias = "float | Quantity"
+"""Number in the unit of the argument's name, or a quantity."""
 
 _P = ParamSpec("_P")
 _T = TypeVar("_T")

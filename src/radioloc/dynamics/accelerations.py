@@ -12,13 +12,13 @@ from numpy.typing import ArrayLike, NDArray
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.dynamics import _force_data as layout
 from radioloc.dynamics._force_data import ForceData
-from radioloc.dynamics.forces import BODIES, Forces, require_single_epoch
+from radioloc.dynamics.forces import BODIES, Forces, single_tdb_epoch
 from radioloc.dynamics.gravity import GravityField, acceleration_series, gradient_series, recursion, stacked
 from radioloc.dynamics.orbit import STATE, initial_state
 from radioloc.ephemeris import Ephemeris, LunarOrientation
 from radioloc.errors import InputError
 from radioloc.lunar import rot_between, rot_icrf_to_pa
-from radioloc.quantities import accepts_quantities
+from radioloc.quantities import EpochsLike, FloatLike, accepts_quantities
 from radioloc.time import Epochs
 from radioloc.vectors import Floats, rtn_axes
 
@@ -35,7 +35,7 @@ node) in three starting years, which agree to 1e-4 of the largest element."""
 
 @accepts_quantities
 def acceleration_terms(
-    epoch: Epochs,
+    epoch: EpochsLike,
     position_m: ArrayLike,
     velocity_m_s: ArrayLike,
     forces: Forces,
@@ -47,8 +47,8 @@ def acceleration_terms(
 
     Parameters
     ----------
-    epoch : Epochs
-        Single epoch, TDB.
+    epoch : Epochs or Time
+        Single epoch of any scale.
     position_m, velocity_m_s : array_like, shape (3,)
         State relative to the Moon's centre, ICRF axes.
     forces : Forces
@@ -75,9 +75,9 @@ def acceleration_terms(
     """
     ephemeris = ephemeris or Ephemeris.open()
     libration = libration or LunarOrientation.open(ephemeris.name)
-    require_single_epoch("epoch", epoch)
+    tdb = single_tdb_epoch("epoch", epoch)
     state = initial_state(position_m, velocity_m_s)
-    data = force_data(forces, ephemeris, libration, epoch, (0.0, 0.0), state)
+    data = force_data(forces, ephemeris, libration, tdb, (0.0, 0.0), state)
     # The compiler takes a third of a second to import.
     from radioloc.dynamics._force_kernels import accelerations, quantities
 
@@ -87,16 +87,16 @@ def acceleration_terms(
 
 
 @accepts_quantities
-def acceleration_sizes(epoch: Epochs, height_m: float, forces: Forces) -> dict[str, float]:
+def acceleration_sizes(epoch: EpochsLike, height_m: FloatLike, forces: Forces) -> dict[str, float]:
     """Return root-mean-square accelerations in a circular orbit over the Moon's poles by name, m/s^2.
 
     The orbit passes over noon and midnight; the bodies remain at their positions at the epoch.
 
     Parameters
     ----------
-    epoch : Epochs
-        Single epoch, TDB.
-    height_m : float
+    epoch : Epochs or Time
+        Single epoch of any scale.
+    height_m : float or Quantity
         Height above the sphere of 1737.4 km, m.
     forces : Forces
 
@@ -117,8 +117,9 @@ def acceleration_sizes(epoch: Epochs, height_m: float, forces: Forces) -> dict[s
     if not height_m > 0.0:
         raise InputError(f"height_m: expected a height above 0, got {height_m!r}")
     ephemeris = Ephemeris.open()
-    pole = rot_icrf_to_pa(LunarOrientation.open().angles(epoch)[0])[0, 2]
-    sun_m = ephemeris.geocentric("sun", epoch)[0][0] - ephemeris.geocentric("moon", epoch)[0][0]
+    tdb = single_tdb_epoch("epoch", epoch)
+    pole = rot_icrf_to_pa(LunarOrientation.open().angles(tdb)[0])[0, 2]
+    sun_m = ephemeris.geocentric("sun", tdb)[0][0] - ephemeris.geocentric("moon", tdb)[0][0]
     noon = sun_m - (sun_m @ pole) * pole
     noon /= np.linalg.norm(noon)
     radius_m = MEAN_LUNAR_RADIUS_M + height_m
@@ -127,7 +128,7 @@ def acceleration_sizes(epoch: Epochs, height_m: float, forces: Forces) -> dict[s
     for angle in 2.0 * np.pi * np.arange(_SAMPLE_COUNT) / _SAMPLE_COUNT:
         place_m = radius_m * (np.cos(angle) * noon + np.sin(angle) * pole)
         velocity_m_s = speed_m_s * (np.cos(angle) * pole - np.sin(angle) * noon)
-        terms = acceleration_terms(epoch, place_m, velocity_m_s, forces, ephemeris=ephemeris)
+        terms = acceleration_terms(tdb, place_m, velocity_m_s, forces, ephemeris=ephemeris)
         squares = {name: squares[name] + float(term @ term) for name, term in terms.items()}
     return {name: float(np.sqrt(square / _SAMPLE_COUNT)) for name, square in squares.items()}
 

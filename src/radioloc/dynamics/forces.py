@@ -10,9 +10,10 @@ import numpy as np
 
 from radioloc.dynamics.gravity import GravityField
 from radioloc.errors import InputError
-from radioloc.quantities import convert_fields
-from radioloc.time import Epochs
+from radioloc.quantities import EpochsLike, convert_fields
+from radioloc.time import Epochs, to_scale
 from radioloc.time.epochs import Tdb
+from radioloc.units import set_fields
 
 BODIES = ("earth", "sun", "venus", "jupiter", "saturn")
 """Point masses beside the Moon, in the order of the compiled code."""
@@ -69,9 +70,10 @@ class Acceleration:
             _require_vector(self.name, key, getattr(self, key))
         if self.normal is not None:
             _require_vector(self.name, "normal", self.normal)
-        for epoch in (self.start, self.stop):
+        for key in ("start", "stop"):
+            epoch = getattr(self, key)
             if epoch is not None:
-                require_single_epoch(self.name, epoch)
+                set_fields(self, **{key: single_tdb_epoch(self.name, epoch)})
         if self.start is not None and self.stop is not None and self.stop.seconds_since(self.start)[0] <= 0.0:
             raise InputError(f"acceleration {self.name}: stop must be later than start")
 
@@ -96,7 +98,7 @@ class Impulse:
         convert_fields(self)
         _require_axes(self.name, self.axes)
         _require_vector(self.name, "delta_v_m_s", self.delta_v_m_s)
-        require_single_epoch(self.name, self.epoch)
+        set_fields(self, epoch=single_tdb_epoch(self.name, self.epoch))
 
     def names(self) -> list[str]:
         """Return names of its components, such as ``NAME.r``."""
@@ -241,8 +243,9 @@ def _require_vector(name: str, key: str, value: Vector) -> None:
         raise InputError(f"{name}: {key}: expected three finite numbers, got {value}")
 
 
-def require_single_epoch(name: str, epoch: Epochs) -> None:
-    """Raise an InputError unless there is a single epoch, TDB."""
-    epoch.require("TDB")
-    if len(epoch) != 1:
-        raise InputError(f"{name}: expected a single epoch, got {len(epoch)}")
+def single_tdb_epoch(name: str, epoch: EpochsLike) -> Epochs:
+    """Return a single epoch of any scale in TDB; several are an InputError."""
+    tdb = to_scale(epoch, "TDB")
+    if len(tdb) != 1:
+        raise InputError(f"{name}: expected a single epoch, got {len(tdb)}")
+    return tdb

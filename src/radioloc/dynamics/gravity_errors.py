@@ -12,7 +12,7 @@ from radioloc.dynamics.perturbations import Perturbations
 from radioloc.ephemeris import LunarOrientation
 from radioloc.errors import InputError
 from radioloc.lunar import rot_between, rot_icrf_to_pa
-from radioloc.quantities import accepts_quantities
+from radioloc.quantities import EpochsLike, accepts_quantities
 from radioloc.time import Epochs
 from radioloc.vectors import Floats
 
@@ -74,7 +74,7 @@ def draw_gravity_errors(
 
 @accepts_quantities
 def gravity_error_effects(
-    orbit: Orbit, errors: list[GravityField], tdb: Epochs, *, libration: LunarOrientation | None = None
+    orbit: Orbit, errors: list[GravityField], tdb: EpochsLike, *, libration: LunarOrientation | None = None
 ) -> Floats:
     """Compute changes of an orbit's states at epochs of TDB by gravity field errors, m and m/s, shape (n, 6, n_errors).
 

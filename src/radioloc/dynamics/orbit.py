@@ -13,7 +13,7 @@ from radioloc.ephemeris import Ephemeris, LunarOrientation
 from radioloc.errors import CoverageError, InputError
 from radioloc.lunar import rot_icrf_to_pa
 from radioloc.lunar.frames import rot_icrf_to_pa_rate
-from radioloc.quantities import accepts_quantities
+from radioloc.quantities import EpochsLike, accepts_quantities
 from radioloc.time import Epochs, utc_strings
 from radioloc.units import as_float_array
 from radioloc.vectors import Floats
@@ -85,7 +85,7 @@ class Orbit:
         return orbit_text(self.name, self.epoch, self.span_s)
 
     @accepts_quantities
-    def states(self, tdb: Epochs) -> tuple[Floats, Floats]:
+    def states(self, tdb: EpochsLike) -> tuple[Floats, Floats]:
         """Return position, m, and velocity, m/s, relative to the Moon's centre, ICRF axes, at epochs of TDB, (n, 3).
 
         Raises
@@ -100,7 +100,7 @@ class Orbit:
         return states[:, :3], states[:, 3:]
 
     @accepts_quantities
-    def geocentric(self, ephemeris: Ephemeris, tdb: Epochs) -> tuple[Floats, Floats]:
+    def geocentric(self, ephemeris: Ephemeris, tdb: EpochsLike) -> tuple[Floats, Floats]:
         """Return geometric geocentric position, m, and velocity, m/s, in barycentric coordinates, ICRF axes, (n, 3).
 
         An orbit can replace a :class:`radioloc.ephemeris.Trajectory`.
@@ -114,7 +114,7 @@ class Orbit:
         return [since_j2000_s(self.epoch, self.span_s)]
 
     @accepts_quantities
-    def partials(self, tdb: Epochs) -> Floats:
+    def partials(self, tdb: EpochsLike) -> Floats:
         """Return partials of position and velocity by the `parameters` at epochs of TDB, SI, (n, 6, n_parameters).
 
         Raises

@@ -22,11 +22,11 @@ from radioloc.dynamics._force_data import (
     Tolerance,
 )
 from radioloc.dynamics.accelerations import force_data, parameter_columns
-from radioloc.dynamics.forces import Forces, Impulse, require_single_epoch
+from radioloc.dynamics.forces import Forces, Impulse, single_tdb_epoch
 from radioloc.dynamics.orbit import MIN_RADIUS_M, STATE, Leg, Orbit, SurfaceRest, initial_state
 from radioloc.ephemeris import Ephemeris, LunarOrientation
 from radioloc.errors import ConvergenceError, InputError
-from radioloc.quantities import accepts_quantities
+from radioloc.quantities import EpochsLike, FloatLike, accepts_quantities
 from radioloc.time import Epochs, utc_strings
 from radioloc.vectors import Floats, rtn_axes
 
@@ -38,27 +38,27 @@ _MEAN_MOTION_S = 1e-3  # of a low orbit, 1/s: ratio of the tolerances of velocit
 
 @accepts_quantities
 def propagate(
-    epoch: Epochs,
+    epoch: EpochsLike,
     position_m: ArrayLike,
     velocity_m_s: ArrayLike,
     forces: Forces,
-    span_s: tuple[float, float],
+    span_s: tuple[FloatLike, FloatLike],
     *,
     parameters: Sequence[str] | None = None,
     ephemeris: Ephemeris | None = None,
     tolerance_m: float = _TOLERANCE_M,
-    touchdown: Epochs | None = None,
+    touchdown: EpochsLike | None = None,
 ) -> Orbit:
     """Integrate the motion of a spacecraft about the Moon, forward and backward from an epoch.
 
     Parameters
     ----------
-    epoch : Epochs
-        Single epoch, TDB.
-    position_m, velocity_m_s : array_like, shape (3,)
+    epoch : Epochs or Time
+        Single epoch of any scale.
+    position_m, velocity_m_s : array_like or Quantity, shape (3,)
         State at the epoch relative to the Moon's centre, ICRF axes.
     forces : Forces
-    span_s : tuple of float
+    span_s : tuple of float or Quantity
         First and last time of interest, TDB seconds from the epoch; the orbit also covers the epoch.
     parameters : sequence of str, optional
         Parameters of the forces (:meth:`Forces.parameters`) with partials, beside the state; empty for partials by the
@@ -67,8 +67,8 @@ def propagate(
         Positions and masses of the bodies, and the ephemeris of the lunar orientation; DE421 by default.
     tolerance_m : float
         Error of the position in a step of the integration, m.
-    touchdown : Epochs, optional
-        Epoch of the landing, TDB, not before `epoch`; the spacecraft then rests on the Moon at its position.
+    touchdown : Epochs or Time, optional
+        Epoch of the landing, not before `epoch`; the spacecraft then rests on the Moon at its position.
 
     Returns
     -------
@@ -98,7 +98,9 @@ def propagate(
     """
     ephemeris = ephemeris or Ephemeris.open()
     state = initial_state(position_m, velocity_m_s, at_rest=touchdown is not None)
-    motion = Motion(epoch, state, forces, ephemeris, LunarOrientation.open(ephemeris.name), touchdown)
+    libration = LunarOrientation.open(ephemeris.name)
+    landing = None if touchdown is None else single_tdb_epoch("touchdown", touchdown)
+    motion = Motion(single_tdb_epoch("epoch", epoch), state, forces, ephemeris, libration, landing)
     return integrate_motion(motion, span_s, parameters, tolerance_m, has_all_impulses=True)
 
 
@@ -126,13 +128,11 @@ def integrate_motion(
 ) -> Orbit:
     """Integrate a motion as :func:`propagate` does; without `has_all_impulses` some may be outside of the span."""
     name, epoch, forces, touchdown = motion.name, motion.epoch, motion.forces, motion.touchdown
-    require_single_epoch(name, epoch)
     if not tolerance_m > 0.0:
         raise InputError(f"tolerance_m: expected a number above 0, got {tolerance_m!r}")
     start_s, stop_s = min(0.0, float(span_s[0])), max(0.0, float(span_s[1]))
     surface_rest = None
     if touchdown is not None:
-        require_single_epoch(name, touchdown)
         surface_rest = SurfaceRest(float(touchdown.seconds_since(epoch)[0]), stop_s, motion.libration)
         if surface_rest.start_s < 0.0:
             raise InputError(f"touchdown of {name}: expected an epoch not before that of the state")

@@ -1,12 +1,13 @@
 """Integration against two bodies, Encke's method, energy, finer steps and scipy; partials against differences."""
 
+import astropy.units as u
 import numpy as np
 import pytest
 from low_orbit import EPOCH, POSITION_M, STATE, TWO_BODY, VELOCITY_M_S, at, forces, propagated
 from scipy.integrate import simpson, solve_ivp
 from scipy.optimize import brentq
 
-from radioloc.dynamics import Acceleration, Impulse, propagate
+from radioloc.dynamics import Acceleration, Impulse, acceleration_sizes, propagate
 from radioloc.dynamics._force_kernels import accelerations, quantities
 from radioloc.dynamics.accelerations import body_table, force_data
 from radioloc.ephemeris import Ephemeris, LunarOrientation
@@ -32,7 +33,13 @@ def kepler(state, gm, time_s):
     ratio = np.sqrt(1.0 - eccentricity**2)
     begin = np.arctan2(r @ q / (a * ratio), r @ p / a + eccentricity)
     mean = begin - eccentricity * np.sin(begin) + np.sqrt(gm / a**3) * time_s
-    u = brentq(lambda u: u - eccentricity * np.sin(u) - mean, mean - 1.0, mean + 1.0, xtol=1e-14, rtol=1e-15)
+    u = brentq(
+        lambda anomaly: anomaly - eccentricity * np.sin(anomaly) - mean,
+        mean - 1.0,
+        mean + 1.0,
+        xtol=1e-14,
+        rtol=1e-15,
+    )
     rate = np.sqrt(gm / a**3) / (1.0 - eccentricity * np.cos(u))
     place = a * (np.cos(u) - eccentricity) * p + a * ratio * np.sin(u) * q
     return np.concatenate([place, a * rate * (-np.sin(u) * p + ratio * np.cos(u) * q)])
@@ -43,6 +50,19 @@ def test_two_body_orbit():
     for time_s in (-DAY_S, -0.37 * DAY_S, 1234.5, DAY_S):
         error_m = np.linalg.norm(at(orbit, time_s)[0, :3] - kepler(STATE, GM_M3_S2, time_s)[:3])
         assert error_m < STEP_ERROR_M
+
+
+def test_times_and_quantities():
+    time = EPOCH.to_time().utc
+    model = forces(0, **TWO_BODY)
+    state = POSITION_M / 1e3 * u.km, VELOCITY_M_S / 1e3 * u.km / u.s
+    orbit = propagate(time, *state, model, (0.0 * u.min, 10.0 * u.min), tolerance_m=1.0 * u.mm)
+    expected = at(propagated(model, (0.0, 600.0)), 300.0)[0]
+    computed = np.concatenate(orbit.states(time + 5.0 * u.min), axis=-1)[0]
+    np.testing.assert_allclose(computed, expected, rtol=1e-9)
+    assert Impulse("burn", time).epoch.seconds_since(EPOCH)[0] == pytest.approx(0.0, abs=1e-8)
+    sizes = acceleration_sizes(time, 100.0 * u.km, model)
+    assert sizes["central"] == pytest.approx(acceleration_sizes(EPOCH, 1e5, model)["central"])
 
 
 @pytest.mark.parametrize("span_s", [2e-6, 1e-2])
@@ -243,7 +263,7 @@ BAD = {
     "two numbers": ({"velocity_m_s": [0.0, 1.0]}, "three finite numbers"),
     "no plane": ({"velocity_m_s": POSITION_M / 1e3}, "not parallel"),
     "falls": ({"velocity_m_s": VELOCITY_M_S / 2}, "ground of the Moon"),
-    "two epochs": ({"epoch": EPOCH.shifted([0.0, 60.0])}, "orbit: expected a single epoch"),
+    "two epochs": ({"epoch": EPOCH.shifted([0.0, 60.0])}, "epoch: expected a single epoch"),
     "no tolerance": ({"tolerance_m": 0.0}, "tolerance_m"),
     "no span": ({"span_s": (0.0, 0.0)}, "span_s"),
     "parameter": ({"parameters": ("drag",)}, "got 'drag'"),

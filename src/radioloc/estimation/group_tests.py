@@ -27,6 +27,7 @@ from radioloc.estimation.least_squares import FitResult
 from radioloc.estimation.series import IndependentSeries, SeriesOrder, add_rows, independent_series, points_of
 from radioloc.estimation.time_correlation import ABSORBED_SIGMAS, mixed_units
 from radioloc.noise.whitening import Rows, RowsOf, column
+from radioloc.units import set_fields
 from radioloc.vectors import Floats
 
 _MIN_SQUARE_FRACTION = (
@@ -76,11 +77,14 @@ class BinnedProblem:
             weighted[part] = root.T @ whitened[part]
         inverse = np.linalg.pinv(whitened[:, 1:].T @ whitened[:, 1:], hermitian=True)
         estimate = inverse @ (whitened[:, 1:].T @ whitened[:, 0])
-        object.__setattr__(self, "residual", whitened[:, 0] - whitened[:, 1:] @ estimate)
-        object.__setattr__(self, "whitened", whitened[:, 1:])
-        object.__setattr__(self, "weighted", weighted)
-        object.__setattr__(self, "inverse", inverse)
-        object.__setattr__(self, "estimate", estimate)
+        set_fields(
+            self,
+            residual=whitened[:, 0] - whitened[:, 1:] @ estimate,
+            whitened=whitened[:, 1:],
+            weighted=weighted,
+            inverse=inverse,
+            estimate=estimate,
+        )
 
     @classmethod
     def of(

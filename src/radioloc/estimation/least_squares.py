@@ -305,7 +305,7 @@ class _Problem:
         return None
 
     def iterated(self, point: _Point, factor: Factor) -> tuple[_Point, Factor, FitStatus, int]:
-        """Final point of the iterations with its factor, the status and the number of steps."""
+        """Return the final point of the iterations with its factor, the status and the number of steps."""
         if not self.parameters.free.any():
             return point, factor, FitStatus.CONVERGED, 0
         if isinstance(point.linearization, OrthonormalLinearization):  # linear: one step

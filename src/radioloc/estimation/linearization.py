@@ -43,7 +43,7 @@ class SparseLinearization(Linearization, Protocol):
         """Observations in an order in which few parameters act on those of a part, shape (n,)."""
 
     def estimated_partials(self, rows: Rows) -> Floats:
-        """Partials by the parameters that are not considered, which come first, shape (m, p - c)."""
+        """Return partials by the parameters that are not considered, which come first, shape (m, p - c)."""
 
     def nonzero_partials(self, rows: Rows) -> tuple[NDArray[np.intp], Floats]:
         """Parameters (k,) that act on some observations, ascending, and the partials by these, (m, k)."""

@@ -72,7 +72,7 @@ def by_link(order: SeriesOrder, gap_s: float = np.inf) -> Labels:
 
 
 def split(fit: FitResult, order: SeriesOrder, groups: Labels, added_m: Mapping[str, float]) -> Labels | None:
-    """Groups with the most different station or link as a further group; None if no difference is significant.
+    """Return groups with the most different station or link as a further group; None if no difference is significant.
 
     Without it, errors exceed their sigmas where one station of three is three times as noisy as the others
     (`tests/statistics/test_variance_components.py`).
@@ -133,7 +133,7 @@ def _candidates(
 
 
 def _of_batches(fit: FitResult, order: SeriesOrder) -> tuple[Floats, Floats]:
-    """Sums of squares over the sigmas, and numbers of used observations, by series and tenth of it in time."""
+    """Return sums of squares over the sigmas, and numbers of used observations, by series and tenth of it in time."""
     code = order.code[order.order]
     count = np.bincount(code)
     rank = np.arange(len(code)) - (np.cumsum(count) - count)[code]
@@ -170,7 +170,7 @@ def chances_of_noisier(sums: Floats, numbers: Floats, dof: Floats) -> Floats:
 
 
 def _dof(fit: FitResult, members: NDArray[np.bool_]) -> float:
-    """Used observations of a group less the sum of their leverages."""
+    """Return the number of used observations of a group less the sum of their leverages."""
     used = fit.used & members
     leverage = sum(
         float(np.square(part).sum()) for part in fit.noise.whitener(used).whitened(fit.unit_partials())
@@ -255,7 +255,7 @@ def noise_with_shared(
 
 
 def epoch_numbers(time_s: Floats) -> NDArray[np.intp]:
-    """Number of the epoch that each of some times (n,), s, belongs to, in order of time."""
+    """Return the index of the epoch of each time (n,), s, in order of time."""
     order = np.argsort(time_s, kind="stable")
     number = np.empty(len(time_s), dtype=np.intp)
     number[order] = np.cumsum(np.diff(time_s[order], prepend=-np.inf) > SAME_EPOCH_S) - 1

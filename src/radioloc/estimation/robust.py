@@ -212,7 +212,7 @@ def _huber_estimate(
 
 
 def _prior_terms(parameters: ParameterSet, x: Floats, root: Floats) -> tuple[Floats, Floats]:
-    """Normal matrix and right-hand side of the a-priori values, in the coordinates of `root`."""
+    """Return the normal matrix and right-hand side of the a-priori values, in the coordinates of `root`."""
     sigmas = parameters.prior_sigmas[parameters.free]
     rows = root / sigmas[:, None]
     return rows.T @ rows, rows.T @ ((parameters.prior_values - x)[parameters.free] / sigmas)

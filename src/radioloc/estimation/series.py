@@ -107,7 +107,7 @@ class IndependentSeries:
         return place, np.array(begin), np.array(width_s)
 
     def binned(self, parts: Iterable[Floats]) -> tuple[Floats, Floats]:
-        """Sums (n, c) of whitened parts in bins over the roots of their counts, and squares of column 0, (s,)."""
+        """Return sums (n, c) of whitened parts in bins by the roots of their counts, and squares of column 0, (s,)."""
         # Sums over the root of the count are of unit variance where observations are independent.
         place, begin, _ = self.bins
         sums, squares, start = np.zeros((begin[-1], 0)), np.zeros(len(self.series)), 0
@@ -151,7 +151,7 @@ class CorrelatedWhitener:
             start += len(values)
 
     def weighted(self, parts: Iterable[Floats]) -> Floats:
-        """Combinations (N, c) of the stated noise, from whitened parts by the transpose of the filter."""
+        """Return combinations (N, c) of the stated noise, from whitened parts by the transpose of the filter."""
         return self.filter.adjoint(np.concatenate(list(parts)))
 
     def transposed(self, parts: Iterable[Floats]) -> Iterator[tuple[Rows, Floats]]:

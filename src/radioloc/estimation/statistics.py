@@ -14,6 +14,7 @@ from radioloc.labels import USED, Labels
 from radioloc.tables import TableForm, as_table
 from radioloc.text_files import finite_or_none
 from radioloc.time import Epochs, utc_strings
+from radioloc.units import set_fields
 from radioloc.vectors import Floats
 
 SCALING_PROBABILITY = 0.999
@@ -63,7 +64,7 @@ class Residuals:
             if column is not None and len(column) != n:
                 raise InputError(f"{name} has {len(column)} values, but there are {n} observations")
         for name in ("observed_m", "residual_m", "sigma_m"):
-            object.__setattr__(self, name, read_only(getattr(self, name)))
+            set_fields(self, **{name: read_only(getattr(self, name))})
 
     def __len__(self) -> int:
         return len(self.residual_m)
@@ -72,7 +73,7 @@ class Residuals:
         return f"<Residuals {len(self)}, {int(self.used.sum())} used>"
 
     def select(self, rows: Any) -> Residuals:
-        """Some rows: a slice, a mask or indices."""
+        """Select rows: a slice, a mask or indices."""
         columns: dict[str, Any] = {name: getattr(self, name) for name in self.__slots__}
         for name, column in columns.items():
             if column is not None:

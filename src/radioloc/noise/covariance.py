@@ -27,6 +27,7 @@ from radioloc.labels import changed
 from radioloc.noise.processes import NONE, KalmanFilter, Process, transitions
 from radioloc.noise.whitening import Banded, Blocks, Diagonal, Filtered, Rows, Structure, StructuredWhitener
 from radioloc.parameters.rows import networks
+from radioloc.units import set_fields
 from radioloc.vectors import Floats
 
 ALONE = -1
@@ -237,8 +238,7 @@ class ObservationCovariance:
         if len(bad):
             sigma_m = np.sqrt(variance_m2[bad[0]])
             raise InputError(f"sigma of observation {bad[0]} is {sigma_m} m; give a finite positive number")
-        object.__setattr__(self, "white_m", np.sqrt(white_m2))
-        object.__setattr__(self, "sigma_m", np.sqrt(variance_m2))
+        set_fields(self, white_m=np.sqrt(white_m2), sigma_m=np.sqrt(variance_m2))
 
     @classmethod
     def of(cls, noise: ArrayLike | ObservationCovariance, n: int) -> ObservationCovariance:

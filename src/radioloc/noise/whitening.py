@@ -76,7 +76,7 @@ class Diagonal:
     sigma_m: Floats  # (n,)
 
     def parts(self) -> Iterator[slice]:
-        """Some thousand rows after others."""
+        """Yield slices of some thousand successive rows."""
         return slices(len(self.rows))
 
     def whiten(self, part: slice, values: Floats) -> Floats:
@@ -96,20 +96,20 @@ class Blocks:
     axes_m: Floats  # (u, k), standard deviations along the principal axes
 
     def parts(self) -> Iterator[slice]:
-        """Some thousand rows after others, in whole blocks."""
+        """Yield slices of some thousand successive rows, in whole blocks."""
         return slices(*self.rows.shape)
 
     def select(self, some: NDArray[np.bool_] | slice) -> Blocks:
-        """Some of the blocks."""
+        """Select some of the blocks."""
         return replace(self, rows=self.rows[some], which=self.which[some])
 
     def whiten(self, part: slice, values: Floats) -> Floats:
-        """Combinations of each block."""
+        """Return combinations of each block."""
         roots = self.roots[self.which[part]]
         return np.asarray(roots @ values.reshape(*roots.shape[:2], -1)).reshape(values.shape)
 
     def transpose(self, part: slice, values: Floats) -> Floats:
-        """Combinations of each block by the transposed matrices."""
+        """Return combinations of each block by the transposed matrices."""
         roots = np.swapaxes(self.roots, 1, 2)[self.which[part]]
         return np.asarray(roots @ values.reshape(*roots.shape[:2], -1)).reshape(values.shape)
 
@@ -127,7 +127,7 @@ class Banded:
     factor: Floats  # (2, n), Cholesky factor of the covariance: diagonal and subdiagonal
 
     def parts(self) -> Iterator[slice]:
-        """Some thousand rows after others, cut where no row depends on the one before it."""
+        """Yield slices of some thousand successive rows, cut where no row depends on the one before it."""
         cuts, start = np.flatnonzero(self.factor[1] == 0.0) + 1, 0
         for end in cuts[np.diff(cuts // ROWS_AT_ONCE, append=-1) != 0].tolist():
             yield slice(start, end)

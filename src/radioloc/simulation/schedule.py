@@ -123,10 +123,8 @@ class Session:
 
     def __post_init__(self) -> None:
         convert_fields(self)
-        set_fields(self, pairs=tuple(self.pairs))
-        object.__setattr__(
-            self, "targets", (self.targets,) if isinstance(self.targets, str) else tuple(self.targets)
-        )
+        targets = (self.targets,) if isinstance(self.targets, str) else tuple(self.targets)
+        set_fields(self, pairs=tuple(self.pairs), targets=targets)
         if self.kind not in KINDS:
             raise InputError(f"kind: expected one of {', '.join(KINDS)}, got {self.kind!r}")
         if self.time_tag not in TIME_TAGS:

@@ -41,7 +41,7 @@ class Ground:
         )
 
     def place_pa_m(self, state: Floats) -> Floats:
-        """The place, principal axes, m, at which a state is."""
+        """Return the position of a state in principal axes, m."""
         place_pa_m = state[:3] @ self.rot_pa_to_icrf
         for _ in range(2):  # the tide and the lengths depend on the place by parts of 1e-7
             place_pa_m = place_pa_m + (state[:3] - self.at_rest(place_pa_m)[:3]) @ self.rot_pa_to_icrf
@@ -113,7 +113,7 @@ class Descent(OnOrbit):
         )
 
     def changes(self, x: Floats) -> tuple[Floats, Floats]:
-        """Changes of the orbit's parameters, shape (q,), and their partials, shape (q, p)."""
+        """Return changes of the orbit's parameters, shape (q,), and their partials, shape (q, p)."""
         place_pa_m, by_x = self.place(x[:3])
         state = self.ground.at_rest(place_pa_m)
         state[3:] += self.axes @ x[3:6]
@@ -124,7 +124,7 @@ class Descent(OnOrbit):
         return np.concatenate([state, x[6:]]) - apriori, partials
 
     def position(self, x: Floats) -> tuple[Floats, Floats]:
-        """The place in principal axes, m, and its partials by all parameters, shape (3, p)."""
+        """Return the place in principal axes, m, and its partials by all parameters, shape (3, p)."""
         place_pa_m, by_x = self.place(x[:3])
         return place_pa_m, np.pad(by_x, ((0, 0), (0, len(x) - 3)))
 

@@ -217,7 +217,7 @@ class DesignMatrix:
         return np.concatenate([np.arange(first), first + parameters]), out
 
     def _partials(self, rows: Rows, targets: int, kinds: int) -> Floats:
-        """Partials by the first targets and kinds of parameter."""
+        """Return partials by the first targets and kinds of parameter."""
         columns = partial(self._simple, first=targets, kinds=self.model.columns[:kinds])
         if isinstance(self.at, CombinedPrediction):
             return self.at.combine(rows, columns)
@@ -231,7 +231,7 @@ class DesignMatrix:
         return out
 
     def _partials_by_link(self) -> PartialsByLink | None:
-        """Partials of a long arc by the considered parameters; None for short arcs and combined observations."""
+        """Return partials of a long arc by the considered parameters; None for short arcs and combined observations."""
         model, combined = self.model, isinstance(self.at, CombinedPrediction)
         if not model.considered_kinds or combined or len(self.residual_m) < _MIN_KEPT_ROWS:
             return None
@@ -249,7 +249,7 @@ class DesignMatrix:
     def _simple(
         self, rows: Rows, at: Prediction, predictor: Predictor, first: int, kinds: Sequence[Columns]
     ) -> Floats:
-        """Partials of observations that are not combined, by the first motions and some kinds of parameter."""
+        """Return partials of observations that are not combined, by the first motions and some kinds of parameter."""
         model = self.model
         part = ObservationRows(predictor, rows, model.reference, at, self.motions)
         start = model.first if first else 0

@@ -35,12 +35,12 @@ _MAPPED_EPOCH_COUNT = 25  # at which the covariance is mapped, the ends of the a
 
 
 def turned(axes: Floats, of_states: Floats) -> Floats:
-    """Changes of states, shape (n, 6, k), in axes, shape (n, 3, 3)."""
+    """Return changes of states, shape (n, 6, k), in axes, shape (n, 3, 3)."""
     return np.concatenate([axes @ of_states[:, :3], axes @ of_states[:, 3:]], axis=1)
 
 
 def along_across_radial(orbit: Orbit | AdjustableOrbit, tdb: Epochs, of_states: Floats) -> Floats:
-    """Changes of ICRF states at epochs, shape (n, 6, k), along, across and radial, positions before velocities."""
+    """Return changes of ICRF states at epochs, (n, 6, k), along, across and radial, positions before velocities."""
     return turned(rtn_axes(*orbit.states(tdb)), of_states)[:, LOCAL_LEVEL]
 
 
@@ -57,7 +57,7 @@ class ProcessEstimate:
     covariance: Chains
 
     def covariance_at(self, tdb: Epochs, partials: Floats) -> tuple[Floats, Floats]:
-        """Partials (n, 6, p + 9), from those by the parameters on, and covariance of what they are by."""
+        """Return partials (n, 6, p + 9), first those by the parameters, and the covariance of their variables."""
         chain, step, of_acceleration = self.effects.intervals(tdb)
         by_all = np.concatenate([partials, partials[:, :, :6], of_acceleration], axis=2)
         covariance = np.empty((len(step), by_all.shape[2], by_all.shape[2]))
@@ -169,14 +169,14 @@ class OrbitState:
 
     @accepts_quantities
     def partials_rtn(self, tdb: Epochs) -> tuple[Floats, Floats]:
-        """Partials of the state radial, along, across by parameters (n, 6, p) and by errors of gravity (n, 6, k)."""
+        """Return partials of the state radial, along, across by parameters (n, 6, p) and gravity errors (n, 6, k)."""
         axes = rtn_axes(*self.orbit.states(tdb))
         direct = (self.disturbed or self.orbit).effects(tdb)
         return turned(axes, self.orbit.partials(tdb)), turned(axes, direct)
 
     @accepts_quantities
     def sigma_rtn_m(self, tdb: Epochs) -> Floats:
-        """Standard deviations of the position radial, along and across at epochs, m, shape (n, 3)."""
+        """Return standard deviations of the position radial, along and across at epochs, m, shape (n, 3)."""
         return np.sqrt(np.diagonal(self.covariance_rtn(tdb), axis1=1, axis2=2)[:, :3])
 
     def elements(self, form: str = "keplerian") -> tuple[dict[str, float], dict[str, float | None]]:

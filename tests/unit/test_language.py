@@ -34,7 +34,7 @@ MAXIMA = {
     "src/radioloc/jobs": (7, 86, 8),
     "src/radioloc/measurements": (0, 2, 0),
     "src/radioloc/noise": (0, 4, 0),
-    "src/radioloc/report": (0, 45, 17),
+    "src/radioloc/report": (0, 45, 16),
     "src/radioloc/results": (0, 49, 8),
     "src/radioloc/simulation": (0, 1, 0),
     "tests": (3, 15, 0),

@@ -40,7 +40,7 @@ class ComparedTarget:
 
     @property
     def of_states(self) -> bool:
-        """Whether states of an orbit are compared, and not a place."""
+        """True if states of an orbit are compared, not a place."""
         return not self.target.has_place
 
     def epochs(self, part: ArcPart) -> Epochs:
@@ -61,9 +61,9 @@ class ComparedTarget:
         if self.orbit is None:
             return self.target.solved(self.truth.position_pa_m, x)
         assert self.target.orbit is not None
-        wanted = np.array(list(self.target.orbit.values.values()))
-        wanted[:6] = self.orbit.state
-        return self.target.solved(wanted, x)
+        values = np.array(list(self.target.orbit.values.values()))
+        values[:6] = self.orbit.state
+        return self.target.solved(values, x)
 
     def errors_m(
         self, part: ArcPart, solution: Solution, x: _Floats, drawn: _Floats, names: Sequence[str]
@@ -128,13 +128,13 @@ class ComparedTarget:
             direct = along_across_radial(estimate, tdb, orbits[self.index].effects(tdb))
             by_considered[..., of_gravity] = -direct  # it is the truth that they move
         difference = np.hstack(truth.states(tdb)) - np.hstack(estimate.states(tdb))
-        whole = replace(
+        over_plan = replace(
             model,
-            targets=tuple(self.target if k == self.index else one for k, one in enumerate(model.targets)),
+            targets=tuple(self.target if k == self.index else item for k, item in enumerate(model.targets)),
         )
         return Compared(
             axes=self.axes,
-            by_parameters=whole.local_partials(x, tdb, self.index)[..., :reported],
+            by_parameters=over_plan.local_partials(x, tdb, self.index)[..., :reported],
             by_drawn=by_drawn,
             by_considered=by_considered,
             offset_m=along_across_radial(estimate, tdb, difference[..., None])[..., 0],

@@ -40,7 +40,7 @@ class Diagnosis(Result):
 
     @property
     def is_usable(self) -> bool:
-        """Whether all findings are sound."""
+        """True if all findings are sound."""
         return all(finding.sound for finding in self.findings)
 
     def to_dict(self) -> dict[str, Any]:

@@ -61,7 +61,7 @@ class Compared:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LinearArc:
-    """What the linear model knows of one arc, m rows."""
+    """Linear model of an arc, m rows."""
 
     part: NDArray[np.intp]  # of the longest arc
     problem: LinearProblem  # at the true position, the other parameters at their a-priori values
@@ -89,7 +89,7 @@ class LinearArc:
             parameters = ParameterSet(
                 [replace(item, prior_value=float(x)) for item, x in zip(parameters, values, strict=True)]
             )
-        found = fit_with_variance_components(
+        edited = fit_with_variance_components(
             linear,
             parameters,
             self.noise,
@@ -98,7 +98,7 @@ class LinearArc:
             status=self.status,
             threshold=self.estimate.rejection_sigma,
         )
-        return with_weights(linear, found, self.order, self.estimate)
+        return with_weights(linear, edited, self.order, self.estimate)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -126,16 +126,16 @@ class LinearTrials:
         # Arc by arc, as what an arc's fits have in common then stays in the processor's cache.
         for i, arc in enumerate(self.arcs):
             for k, errors in enumerate(drawn):
-                found = arc.fit(residual_m[k, arc.part] - arc.held_m, seeds[k])
-                out[k, i] = self._rows(arc, found, errors)
+                edited = arc.fit(residual_m[k, arc.part] - arc.held_m, seeds[k])
+                out[k, i] = self._rows(arc, edited, errors)
         return out.reshape(len(seeds), -1, len(self.columns))
 
-    def _rows(self, arc: LinearArc, found: EditedFit, errors: _Floats) -> list[_Floats]:
-        fit, count = found.fit, arc.compared[0].by_parameters.shape[-1]
-        covariance = estimated_covariance(found, arc.order)[0][:count, :count]
+    def _rows(self, arc: LinearArc, edited: EditedFit, errors: _Floats) -> list[_Floats]:
+        fit, count = edited.fit, arc.compared[0].by_parameters.shape[-1]
+        covariance = estimated_covariance(edited, arc.order)[0][:count, :count]
         moved = moved_by(fit, lambda rows: arc.suboptimal_m[rows], arc.suboptimal_m.shape[1])[:count]
         x, sigmas = fit.x[:count], np.sqrt(np.diag(covariance + moved @ moved.T))
-        doubts = list(misfits(found, arc.noise.sigma_m, arc.order.types))
+        doubts = list(misfits(edited, arc.noise.sigma_m, arc.order.types))
         results, determined = list[tuple[_Floats, _Floats]](), True
         for compared in arc.compared:
             by = compared.by_parameters
@@ -147,7 +147,7 @@ class LinearTrials:
             covariances_m2 += considered_m @ np.swapaxes(considered_m, 1, 2)
             determined &= bool(np.trace(covariances_m2[0, :3, :3]) <= MAX_POSITION_SIGMA_M**2)
             results.append((moved_m - compared.offset_m - compared.by_drawn @ errors, covariances_m2))
-        outcome = (found.converged and not doubts and determined, fit.used.sum(), (~fit.used).sum())
+        outcome = (edited.converged and not doubts and determined, fit.used.sum(), (~fit.used).sum())
         parameters = {p.name: (x[j], sigmas[j]) for j, p in enumerate(arc.parameters.parameters[:count])}
         truth = true_values(self.errors, self.drawn.by_name(errors))
         return [
@@ -159,7 +159,7 @@ class LinearTrials:
                 *result,
                 outcome,
                 fit.noise_scale,
-                found.additive_sigma_m,
+                edited.additive_sigma_m,
                 parameters,
                 truth,
             )

@@ -1,4 +1,4 @@
-"""From a study to its solution: select, prepare, fit, report."""
+"""Fits of studies: select observations, prepare the arc, fit, build the solution."""
 
 from __future__ import annotations
 
@@ -119,7 +119,7 @@ def solve(problem: EstimationProblem, left_out: dict[str, int], *, consistency: 
     """Return the solution of a problem; `left_out` counts observations that were not selected, by reason."""
     status, codes = usability(problem.arc, problem.start)
     edited, stochastic = _fit(problem, status, codes)
-    model = problem.model if stochastic is None else stochastic.here
+    model = problem.model if stochastic is None else stochastic.with_process
     logger.info(
         "fitted %d parameters to %d of %d observations",
         model.parameters.free.sum(),
@@ -182,12 +182,12 @@ class _Fitted:
                 self.elevation_deg,
             )
             doubts += target.doubts(self.x[self.model.columns_of(k)], fitted)
-        # A place is no reason of its own where the residuals do not fit.
+        # Doubts about a place follow from residuals that do not fit.
         return [doubt for doubt in doubts if doubt.status is FitStatus.MISFIT] or doubts
 
     @property
     def fits(self) -> bool:
-        """Whether the residuals fit, so that all doubts concern the place."""
+        """True if the residuals fit, so that all doubts concern the place."""
         return all(doubt.status is not FitStatus.MISFIT for doubt in self.doubts)
 
 
@@ -241,7 +241,7 @@ def _completed(fitted: _Fitted, solution: Solution, left_out: dict[str, int]) ->
         [k] = states
         states[k] = fitted.stochastic.smoothed(states[k], fitted.edited, problem.order, fitted.suboptimal)
     constants = arc.model.ephemeris.constants
-    known = [compare_with(solution, xyz_m, name) for name, xyz_m in known_positions(study, constants)]
+    comparisons = [compare_with(solution, xyz_m, name) for name, xyz_m in known_positions(study, constants)]
     if fitted.fits:
         solution = mark_if_unobservable(solution)
     notes = [*coordinate_doubts(arc, problem.start, fitted.edited.fit.used, fitted.fits)]
@@ -255,8 +255,8 @@ def _completed(fitted: _Fitted, solution: Solution, left_out: dict[str, int]) ->
         solution,
         states={model.targets[k].name: state for k, state in states.items()},
         trajectory=solution.trajectory if model.place_indices or not states else _paths(states),
-        reference=None if study.reference is None else known[0],
-        references=tuple(known if study.reference is None else known[1:]),
+        reference=None if study.reference is None else comparisons[0],
+        references=tuple(comparisons if study.reference is None else comparisons[1:]),
         notes=tuple(notes),
         provenance=provenance(study, arc, left_out, estimate, fitted.motions),
     )
@@ -313,7 +313,7 @@ def _fit(
     decided_at = start if start is not None or estimate.position_priors else model.parameters.prior_values
     decision_count = 0
     while True:
-        model = model if stochastic is None else stochastic.here
+        model = model if stochastic is None else stochastic.with_process
         visible = status.are(USED)
         edited = fit_with_variance_components(
             model.linearize,
@@ -321,7 +321,9 @@ def _fit(
             problem.noise,
             order=problem.order,
             groups=estimate.component_groups(problem.order),
-            status=with_reasons(status, {row: why for row, why in phase_reasons.items() if visible[row]}),
+            status=with_reasons(
+                status, {row: reason for row, reason in phase_reasons.items() if visible[row]}
+            ),
             threshold=estimate.rejection_sigma,
             start=start,
         )
@@ -329,8 +331,8 @@ def _fit(
         faults = phase_faults(edited, problem.order, counts) if edited.ended else {}
         used_faults = {row: reason for row, reason in faults.items() if edited.fit.used[row]}
         phase_reasons |= used_faults
-        if stochastic is not None and edited.ended and not stochastic.near(edited.fit):
-            stochastic, start = stochastic.again(edited.fit), x
+        if stochastic is not None and edited.ended and not stochastic.is_linear(edited.fit):
+            stochastic, start = stochastic.about_fit(edited.fit), x
             continue
         if used_faults:
             continue
@@ -356,7 +358,7 @@ def _visibility_at(
 ) -> Labels:
     """Decide anew at parameters x which observations can be used; return `status` itself where nothing changes.
 
-    An estimate from which most of the used observations are invisible is not believed: the verdict says so. Without it
+    An estimate from which most of the used observations are invisible is ignored; the verdict states it. Otherwise
     counts behind the Moon as seen from the a-priori orbit are lost (`tests/unit/jobs/test_orbit_study.py`).
     """
     decided, _ = usability(model.predictor, model.motions(x))

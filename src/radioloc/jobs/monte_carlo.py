@@ -69,7 +69,7 @@ def monte_carlo(
     Parameters
     ----------
     study : Study or path-like
-        With a simulation, which says what is tracked, the noise, and what departs by lot; its estimate, priors and
+        With a simulation: the tracking, the noise and the drawn errors; its estimate, priors and
         noise settings are those of every fit, as :func:`~radioloc.jobs.locate.locate` takes them.
     trials : int
         How many.
@@ -127,11 +127,11 @@ def monte_carlo(
     if resume and out is None:
         raise InputError("to resume needs the folder of the trials; give it as out")
     record = study_record(study, lengths, seed)
-    known = resume and out is not None and refuse_other_study(out, record)
+    resumed = resume and out is not None and refuse_other_study(out, record)
     with nullcontext() if out is None else _locked(out), workers_of(workers) as run:
         ready = Prepared.of(study, lengths)
         folder = None if out is None else TrialFolder(out, record, ready.columns, ready.hours)
-        if folder is not None and not known:
+        if folder is not None and not resumed:
             folder.start()
         share_count = 1 if workers == 1 else _CHUNKS_PER_WORKER * (workers if isinstance(workers, int) else 1)
         results = partial(_run_trials, run, seed, range(trials), folder, share_count, progress)
@@ -164,8 +164,8 @@ def _run_trials(
 ) -> _Floats:
     """Return results of all trials; those that the folder keeps already are not run again."""
     way = "linear" if isinstance(job, LinearTrials) else "full"
-    kept = {} if folder is None else folder.found(way)
-    results = {trial: values for trial, values in kept.items() if trial in trials}
+    completed = {} if folder is None else folder.completed(way)
+    results = {trial: values for trial, values in completed.items() if trial in trials}
     missing = [trial for trial in trials if trial not in results]
     size = max(1, min(_MOST_IN_CHUNK, -(-len(missing) // share_count))) if way == "linear" else 1
     chunks = [missing[k : k + size] for k in range(0, len(missing), size)]
@@ -228,7 +228,7 @@ class TrialFolder:
         remove_files(self._folder, earlier_files(RESULTS["monte_carlo"]))
         write_json(self._folder / "study.json", self._record)
 
-    def found(self, way: str) -> dict[int, NDArray[np.float64]]:
+    def completed(self, way: str) -> dict[int, NDArray[np.float64]]:
         """Results that are there already, (arcs, columns), by number of the trial; `way` is "linear" or "full"."""
         out: dict[int, NDArray[np.float64]] = {}
         for path in sorted(self._parts.glob(f"{way}-*.npz")):
@@ -279,14 +279,14 @@ def study_record(study: Study, hours: Sequence[float], seed: int) -> dict[str, A
 
 
 def refuse_other_study(folder: str | Path, record: dict[str, Any]) -> bool:
-    """Whether a folder holds trials of this study; an error where they are of another one, or it cannot be told."""
+    """Return whether a folder holds trials of this study; those of another study, or damaged ones, are an error."""
     path = Path(folder) / "study.json"
     if not path.is_file():
         return False
-    now = json.loads(json.dumps(record))
+    current = json.loads(json.dumps(record))
     try:
-        with json_file(path, "") as before:
-            changed = [key for key in now if dict(before).get(key) != now[key]]
+        with json_file(path, "") as stored:
+            changed = [key for key in current if dict(stored).get(key) != current[key]]
     except InputError:
         raise InputError(f"{path}: is damaged; start anew, without resuming") from None
     if changed:

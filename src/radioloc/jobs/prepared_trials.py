@@ -148,7 +148,7 @@ class Prepared:
         return np.array([self._trial(trial_seed(seed, trial)) for trial in trials])
 
     def _trial(self, seed: int) -> list[_Floats]:
-        world, found = self.world, list[_Floats]()
+        world, rows = self.world, list[_Floats]()
         errors, names = world.drawn.draw(seed), world.drawn.names
         noise_m = world.scenario.noise.draw(world.plan, seed)[0]
         value_m = (world.value_m + errors @ world.drawn.partials + noise_m)[self.rows]
@@ -161,7 +161,7 @@ class Prepared:
             solution = solve(drawn, {}, consistency=False)
             sigmas, total = solution.sigmas(), solution.fit.total
             for target in self.targets:
-                found += rows_of(
+                rows += rows_of(
                     self.columns,
                     target.axes,
                     *target.errors_m(part, solution, x, errors, names),
@@ -171,7 +171,7 @@ class Prepared:
                     {p.name: (solution.values[j], sigmas[j]) for j, p in enumerate(solution.parameters)},
                     true_values(world.errors, world.drawn.by_name(errors)),
                 )
-        return found
+        return rows
 
     def _drawn_prior_sigmas(self, estimate: EstimateChoice) -> _Floats | None:
         """Return the standard deviations of a-priori positions that are drawn in each trial, those on a map."""
@@ -237,21 +237,23 @@ class Prepared:
         )  # of considered errors of one sigma
         held_m = partials[:, model.first :] @ x[model.first :]
         reported = ParameterSet(model.parameters.parameters[:count])
-        alone = linear_problem(partials[:, :count], reported, x[:count], noise, usable)
-        if alone is None:
+        by_reported = linear_problem(partials[:, :count], reported, x[:count], noise, usable)
+        if by_reported is None:
             return None
-        few = few_errors(effects, noise.sigma_m, alone.basis, usable)
+        directions = few_errors(effects, noise.sigma_m, by_reported.basis, usable)
         parameters = ParameterSet(
             [
                 *reported,
                 *(
                     Parameter(f"considered.{k}", "1", "considered", 0.0, 1.0, role=Role.CONSIDERED)
-                    for k in range(few.shape[1])
+                    for k in range(directions.shape[1])
                 ),
             ]
         )
-        values = np.append(x[:count], np.zeros(few.shape[1]))
-        linear = linear_problem(np.hstack([partials[:, :count], few]), parameters, values, noise, usable)
+        values = np.append(x[:count], np.zeros(directions.shape[1]))
+        linear = linear_problem(
+            np.hstack([partials[:, :count], directions]), parameters, values, noise, usable
+        )
         if linear is None:
             return None
         suboptimal = problem.suboptimal_errors(model, x, orbits)

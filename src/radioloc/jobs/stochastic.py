@@ -43,23 +43,23 @@ _LINEAR_M = 2.0  # Accelerations that move the orbit by no more follow from thos
 class StochasticProblem:
     """A problem whose orbit has stochastic accelerations."""
 
-    without: ObservationModel  # of the orbit without them
+    model: ObservationModel  # of the orbit without them
     noise: ProcessNoise
-    here: ObservationModel  # about the orbit that was integrated with the reference accelerations
+    with_process: ObservationModel  # about the orbit that was integrated with the reference accelerations
     effects: StochasticEffects
 
     @classmethod
     def about(
-        cls, without: ObservationModel, noise: ProcessNoise, x: Floats, values: Chains | None = None
+        cls, model: ObservationModel, noise: ProcessNoise, x: Floats, values: Chains | None = None
     ) -> StochasticProblem:
         """Linearize about the orbit of parameters x with accelerations, in their sigmas; by default without any."""
-        predictor = without.predictor
+        predictor = model.predictor
         if not isinstance(predictor, ExactPredictor):
             raise InputError(
                 "[estimate.orbit] process_noise: observations that are combined of others cannot be used; leave them "
                 "out with [observations] types"
             )
-        orbit, interval_s = without.orbit, noise.interval_s
+        orbit, interval_s = model.orbit, noise.interval_s
         assert orbit is not None  # process noise belongs to an orbit
         around_s = np.nan_to_num(predictor.observations.count_s) + _AROUND_S
         if 2.0 * around_s.max(initial=0.0) > interval_s:
@@ -68,15 +68,15 @@ class StochasticProblem:
                 f"{around_s.max() - _AROUND_S:g} s; give {2.0 * around_s.max():g} or more"
             )
         if values is not None:
-            after, before = (one[:-1] * noise.sigma_m_s2 for one in values)
-            given = stochastic_forces(orbit.epoch, (after, before), interval_s)
-            forces = replace(orbit.forces, accelerations=orbit.forces.accelerations + given)
+            later, earlier = (chain[:-1] * noise.sigma_m_s2 for chain in values)
+            added = stochastic_forces(orbit.epoch, (later, earlier), interval_s)
+            forces = replace(orbit.forces, accelerations=orbit.forces.accelerations + added)
             orbit = replace(orbit, forces=forces, integrated=[])
-        here = without.with_orbit(orbit)
-        moved = here.orbit_at(x)
+        about_orbit = model.with_orbit(orbit)
+        moved = about_orbit.orbit_at(x)
         assert moved is not None
         effects = StochasticEffects(moved.nearest(), noise.sigma_m_s2, interval_s)
-        partials = without.effects_on_orbit(replace(moved, errors=effects.state_partials))
+        partials = model.effects_on_orbit(replace(moved, errors=effects.state_partials))
         by_colour = partials[:, 6:].reshape(len(partials), COLOURS, 3)
         tag_s = tt_to_tdb(utc_to_tt(predictor.observations.epoch)).seconds_since(orbit.epoch)
         first, last = (
@@ -84,39 +84,39 @@ class StochasticProblem:
         )
         chain = np.where(first >= 0, AFTER, np.where(last < 0, BEFORE, ACROSS)).astype(np.int8)
         step = np.where(chain == AFTER, first, np.where(chain == BEFORE, -1 - last, 0))
-        rows, before = np.arange(len(step)), chain == BEFORE
-        near = colours(before, step)
-        far = np.where(chain == ACROSS, colours(~before, step), colours(before, step + 1))
+        rows, is_earlier = np.arange(len(step)), chain == BEFORE
+        near_colour = colours(is_earlier, step)
+        far_colour = np.where(chain == ACROSS, colours(~is_earlier, step), colours(is_earlier, step + 1))
         process = StochasticAccelerations(
             chain,
             step,
             partials[:, :6],
-            by_colour[rows, near],
-            by_colour[rows, far],
+            by_colour[rows, near_colour],
+            by_colour[rows, far_colour],
             effects.moved,
             noise.persistence,
-            values or tuple(np.zeros((len(one) + 1, 3)) for one in effects.moved),  # type: ignore[arg-type]
+            values or tuple(np.zeros((len(moves) + 1, 3)) for moves in effects.moved),  # type: ignore[arg-type]
         )
-        return cls(without, noise, replace(here, process=process), effects)
+        return cls(model, noise, replace(about_orbit, process=process), effects)
 
-    def again(self, fit: FitResult) -> StochasticProblem:
-        """About the orbit of a fit."""
+    def about_fit(self, fit: FitResult) -> StochasticProblem:
+        """Return the problem about the orbit of a fit."""
         assert fit.smoothed is not None
-        return StochasticProblem.about(self.without, self.noise, fit.x, fit.smoothed.values)
+        return StochasticProblem.about(self.model, self.noise, fit.x, fit.smoothed.values)
 
-    def near(self, fit: FitResult) -> bool:
-        """Whether the accelerations of a fit move the orbit little from the one that was integrated."""
+    def is_linear(self, fit: FitResult) -> bool:
+        """Return whether the orbit moves little by the accelerations of a fit, from the one that was integrated."""
         assert fit.smoothed is not None
-        assert self.here.process is not None
-        process, orbit = self.here.process, self.effects.orbit
+        assert self.with_process.process is not None
+        process, orbit = self.with_process.process, self.effects.orbit
         changes = zip(
             process.deviations(fit.smoothed.values), process.deviations(process.reference), strict=True
         )
         begin_s, end_s = orbit.span_s
-        for sign, (now, before) in zip((1.0, -1.0), changes, strict=True):
-            times_s = np.clip(sign * self.noise.interval_s * np.arange(len(now)), begin_s, end_s)
+        for sign, (fitted, reference) in zip((1.0, -1.0), changes, strict=True):
+            times_s = np.clip(sign * self.noise.interval_s * np.arange(len(fitted)), begin_s, end_s)
             at = orbit.epoch.shifted(times_s)
-            moved_m = orbit.partials(at)[:, :3, :6] @ (now - before)[:, :, None]
+            moved_m = orbit.partials(at)[:, :3, :6] @ (fitted - reference)[:, :, None]
             if np.linalg.norm(moved_m[:, :, 0], axis=1).max() > _LINEAR_M:
                 return False
         return True
@@ -127,12 +127,12 @@ class StochasticProblem:
         """Return the state of the smoothed orbit, with errors by interval where all is determined."""
         fit = fitted.fit
         assert isinstance(fit.whitening, InformationFilter)
-        found = self.again(fit)
-        orbit, target = found.here.orbit_at(fit.x), self.here.orbit_index
+        problem = self.about_fit(fit)
+        orbit, target = problem.with_process.orbit_at(fit.x), self.with_process.orbit_index
         assert orbit is not None
         assert target is not None
         state = replace(state, orbit=orbit)
-        free, here = fit.parameters.free, fit.linearization
+        free, design = fit.parameters.free, fit.linearization
         joint, sigmas = estimated_covariance(fitted, order)[0][np.ix_(free, free)], np.zeros(0)
         if not np.isfinite(joint).all():
             return state
@@ -142,25 +142,25 @@ class StochasticProblem:
             moved = moved_by(fit, suboptimal.partials, len(sigmas))[free] * sigmas
             joint = np.block([[joint + moved @ moved.T, -moved], [-moved.T, np.eye(len(sigmas))]])
 
-        def others(rows: NDArray[np.intp]) -> Floats:
-            mine = here.partials(rows)[:, free]
-            return mine if suboptimal is None else np.hstack([mine, suboptimal.partials(rows) * sigmas])
+        def partials(rows: NDArray[np.intp]) -> Floats:
+            by_free = design.partials(rows)[:, free]
+            return by_free if suboptimal is None else np.hstack([by_free, suboptimal.partials(rows) * sigmas])
 
-        smoothed = fit.whitening.smoothed(others, here.residual_m, joint)
+        smoothed = fit.whitening.smoothed(partials, design.residual_m, joint)
         # From errors of free parameters, of what is considered, of the deviation and the acceleration.
         onto = np.zeros((len(state.parameter_covariance) + 9, len(joint) + 9))
-        mine = self.here.columns_of(target)
-        of_orbit, begin = free[mine], int(free[: mine.start].sum())
-        by_x = self.without.targets[target].motion(fit.x[mine])[1]
+        columns = self.with_process.columns_of(target)
+        of_orbit, begin = free[columns], int(free[: columns.start].sum())
+        by_x = self.model.targets[target].motion(fit.x[columns])[1]
         onto[:-9, begin : begin + of_orbit.sum()] = by_x[:, of_orbit]
         onto[-9:, -9:] = np.eye(9)
-        after_covariance, before_covariance = (onto @ one @ onto.T for one in smoothed.covariance)
-        after, before = (one * self.noise.sigma_m_s2 for one in smoothed.values)
+        after_covariance, before_covariance = (onto @ chain @ onto.T for chain in smoothed.covariance)
+        later, earlier = (chain * self.noise.sigma_m_s2 for chain in smoothed.values)
         process = ProcessEstimate(
-            found.effects,
+            problem.effects,
             self.noise.sigma_m_s2,
             self.noise.correlation_s,
-            (after, before),
+            (later, earlier),
             (after_covariance, before_covariance),
         )
         return replace(state, process=process)
@@ -182,7 +182,7 @@ class IndependentAccelerations:
     @classmethod
     def of(cls, problem: StochasticProblem) -> IndependentAccelerations:
         """Return those of the intervals of a problem, outward from the epoch."""
-        process = problem.here.process
+        process = problem.with_process.process
         assert process is not None
         counts = [len(moved) + 1 for moved in process.moved]
         m, width = process.persistence, 3 * sum(counts)
@@ -194,9 +194,9 @@ class IndependentAccelerations:
             inner = values[0][0] if values else None
             for k in range(count):
                 carried = inner if k == 0 else u[k - 1]
-                own = np.zeros((3, width))
-                own[:, begin : begin + 3] = np.eye(3)
-                u[k] = own if carried is None else m * carried + fresh * own
+                added = np.zeros((3, width))
+                added[:, begin : begin + 3] = np.eye(3)
+                u[k] = added if carried is None else m * carried + fresh * added
                 begin += 3
             values.append(u)
         deviations = [
@@ -215,29 +215,30 @@ class IndependentAccelerations:
     def effects_m(self, rows: NDArray[np.intp]) -> Floats:
         """Effects on observations, m, shape (m, w)."""
         process, out = self.process, np.zeros((len(rows), self.values[0].shape[2]))
-        near, far, by_state = process.near[rows], process.far[rows], process.by_state[rows]
+        by_near, by_far, by_state = process.near[rows], process.far[rows], process.by_state[rows]
         chain, step = process.chain[rows], process.step[rows]
-        for which in (AFTER, BEFORE):
-            mine = np.flatnonzero(chain == which)
-            k = step[mine]
+        for side in (AFTER, BEFORE):
+            members = np.flatnonzero(chain == side)
+            k = step[members]
             for partials, by in (
-                (by_state, self.deviations[which][k]),
-                (near, self.values[which][k]),
-                (far, self.values[which][k + 1]),
+                (by_state, self.deviations[side][k]),
+                (by_near, self.values[side][k]),
+                (by_far, self.values[side][k + 1]),
             ):
-                out[mine] += np.einsum("ns,nsw->nw", partials[mine], by)
-        mine = np.flatnonzero(chain == ACROSS)
-        out[mine] = near[mine] @ self.values[AFTER][0] + far[mine] @ self.values[BEFORE][0]
+                out[members] += np.einsum("ns,nsw->nw", partials[members], by)
+        members = np.flatnonzero(chain == ACROSS)
+        out[members] = by_near[members] @ self.values[AFTER][0] + by_far[members] @ self.values[BEFORE][0]
         return out
 
     def states(self, tdb: Epochs) -> Floats:
         """Effects on the states at epochs of TDB, m and m/s, ICRF axes, shape (n, 6, w)."""
-        chain, step, near = self.effects.intervals(tdb)
+        chain, step, by_near = self.effects.intervals(tdb)
         transition = self.effects.orbit.partials(tdb)[:, :, :6]
         out = np.empty((len(step), 6, self.values[0].shape[2]))
-        for which in (AFTER, BEFORE):
-            mine, k = chain == which, step[chain == which]
-            out[mine] = transition[mine] @ self.deviations[which][k] + near[mine] @ self.values[which][k]
+        for side in (AFTER, BEFORE):
+            members, k = chain == side, step[chain == side]
+            by_deviation = transition[members] @ self.deviations[side][k]
+            out[members] = by_deviation + by_near[members] @ self.values[side][k]
         return out
 
     def estimate(self, covariance: Floats) -> ProcessEstimate:
@@ -249,7 +250,7 @@ class IndependentAccelerations:
             onto[:, :count, :count] = np.eye(count)
             onto[:, count:, count:] = np.concatenate([d, u], axis=1)
             chains.append(onto @ covariance @ np.swapaxes(onto, 1, 2))
-        nothing = (np.zeros((len(self.values[0]), 3)), np.zeros((len(self.values[1]), 3)))
+        zeros = (np.zeros((len(self.values[0]), 3)), np.zeros((len(self.values[1]), 3)))
         return ProcessEstimate(
-            self.effects, self.noise.sigma_m_s2, self.noise.correlation_s, nothing, (chains[0], chains[1])
+            self.effects, self.noise.sigma_m_s2, self.noise.correlation_s, zeros, (chains[0], chains[1])
         )

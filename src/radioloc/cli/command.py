@@ -135,7 +135,7 @@ class Command:
     name : str
         Name, such as ``leave-one-out``.
     summary : str
-        Sentence that says what the command does.
+        Sentence that describes the command.
     arguments : tuple of Argument
         Arguments beside ``--quiet`` and ``--verbose``, which all commands have.
     run : callable

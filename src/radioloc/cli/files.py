@@ -34,7 +34,7 @@ MESSAGE = (
 
 def _observation_formats() -> Rows:
     formats = {reader.name: reader.description for reader in radioloc.io.READERS.values()}
-    return {"formats that are read, told by how a file begins": formats} | measurement_types()
+    return {"formats that are read, recognised by their first lines": formats} | measurement_types()
 
 
 @command(
@@ -177,8 +177,8 @@ def export(options: argparse.Namespace) -> int:
         for name in ("code", "start", "stop", "step", "originator")
         if (value := getattr(options, name)) is not None
     }
-    its = radioloc.io.ExportOptions(**stated)
-    return _tell_written(options, radioloc.io.export_solutions(options.out, _contents(options), its))
+    settings = radioloc.io.ExportOptions(**stated)
+    return _tell_written(options, radioloc.io.export_solutions(options.out, _contents(options), settings))
 
 
 @command(

@@ -96,20 +96,20 @@ def _rot_pa_to_iau(epoch_utc: str) -> Any:
     examples=("", "kashi", "china --json"),
 )
 def stations(options: argparse.Namespace) -> int:
-    """List the stations that are known by name."""
+    """List the stations of the catalogue."""
     from radioloc.earth.stations import Station, StationCatalogue
 
-    found = StationCatalogue.default().find(options.name)
-    if not found:
+    matches = StationCatalogue.default().find(options.name)
+    if not matches:
         raise InputError(
             f"no station has {options.name!r} in its name, complex or country; list all with radioloc stations"
         )
     names = [field.name for field in fields(Station) if field.name not in ("ocean_loading", "sigma_m")]
     rows = [
         {name: getattr(station, name) for name in names} | {"sigma_m": station.position_sigma_m}
-        for station in found
+        for station in matches
     ]
-    lines = (_station_text(station, details=bool(options.name)) for station in found)
+    lines = (_station_text(station, details=bool(options.name)) for station in matches)
     tell(options, "\n".join(lines), lambda: rows)
     return DONE
 
@@ -139,24 +139,24 @@ def _station_text(station: Station, details: bool) -> str:
     examples=("", "verify", "add de430.bsp moon_pa_de430.bpc"),
 )
 def kernels(options: argparse.Namespace) -> int:
-    """List the kernels that are found by name, verify their checksums, or add one."""
+    """List the available kernels, verify their checksums, or add one."""
     from radioloc.kernels import add_kernel, added, registered
 
     if (options.action == "add") != bool(options.files):
         options.parser.error("kernels add needs files, and only add takes them")
-    known = [add_kernel(path) for path in options.files] or [*registered(), *added()]
-    problems = [kernel.problem() if options.action == "verify" else "" for kernel in known]
+    available = [add_kernel(path) for path in options.files] or [*registered(), *added()]
+    problems = [kernel.problem() if options.action == "verify" else "" for kernel in available]
     verdict = {"verify": "verified", "add": "added"}.get(options.action, "")
     lines = (
         problem
         or (
             f"{kernel.name:<28} {kernel.kind} {kernel.ephemeris:<6} {kernel.start_tdb} to {kernel.end_tdb} {verdict}"
         ).rstrip()
-        for kernel, problem in zip(known, problems, strict=True)
+        for kernel, problem in zip(available, problems, strict=True)
     )
     content = [
         asdict(kernel) | {"path": kernel.path, "ships": kernel in registered(), "problem": problem or None}
-        for kernel, problem in zip(known, problems, strict=True)
+        for kernel, problem in zip(available, problems, strict=True)
     ]
     tell(options, "\n".join(lines), lambda: content)
     return NOT_CONVERGED if any(problems) else DONE

@@ -25,7 +25,7 @@ EXIT_STATUS = {
     BAD_INPUT: "bad input; standard error has the reason in one line",
     NOT_CONVERGED: "not converged or not observable; solutions do not agree (compare) or differ (verify); the "
     "installation is not sound (doctor). What is printed says why",
-    INTERRUPTED: "interrupted (Ctrl-C); montecarlo says how to go on",
+    INTERRUPTED: "interrupted (Ctrl-C); montecarlo prints how to continue",
 }
 """Exit statuses and what they mean."""
 
@@ -39,7 +39,7 @@ def escape_unprintable_output() -> None:
 
 
 def say(text: object, end: str = "\n") -> None:
-    """Print at once; no word where the reader has seen enough, as `head` does, or standard output is closed."""
+    """Print at once; output is dropped once its reader, such as `head`, has closed it."""
     try:
         print(visible(str(text)), end=end, flush=True)
     except OSError as error:
@@ -50,7 +50,7 @@ def say(text: object, end: str = "\n") -> None:
 
 
 def tell(options: argparse.Namespace, card: object, content: Callable[[], Any] = dict) -> None:
-    """Print a card and where files were written, or the content as JSON, or nothing, as asked."""
+    """Print a card and the output folder, or the content as JSON, or nothing with ``--quiet``."""
     out = getattr(options, "out", None)
     if options.json:
         from radioloc.report.files import json_text
@@ -61,7 +61,7 @@ def tell(options: argparse.Namespace, card: object, content: Callable[[], Any] =
 
 
 def require_report(options: argparse.Namespace) -> None:
-    """Refuse, before work that may take long, a page that could not be written after it."""
+    """Check, before long work, that a requested page can be written."""
     if getattr(options, "report", False):
         from radioloc.report.page import require_page
 
@@ -90,7 +90,7 @@ def finish(options: argparse.Namespace, result: Result) -> int:
 
 
 def exit_status(options: argparse.Namespace, *results: Result) -> int:
-    """Return the exit status of results; where no card is printed, say on standard error what is wrong with them."""
+    """Return the exit status of results; without a card, print their failures on standard error."""
     failed = [result for result in results if not result.is_usable]
     for result in failed if options.quiet and not options.json else ():
         for name, status in result.failures():
@@ -99,25 +99,25 @@ def exit_status(options: argparse.Namespace, *results: Result) -> int:
 
 
 def complain(message: str) -> None:
-    """Say in one line on standard error what is wrong."""
+    """Print a problem in one line on standard error."""
     print(f"radioloc: {' '.join(legible(message).split())}", file=sys.stderr)
 
 
 @contextmanager
 def standard_streams(options: argparse.Namespace) -> Iterator[None]:
-    """Put files in the place of ``-`` among files to read and to write, which need more than a stream."""
-    given = [name for name in ("files", "solutions") if STREAM in getattr(options, name, ())]
+    """Replace ``-`` among the files of a command by temporary files, as readers need seekable files."""
+    inputs = [name for name in ("files", "solutions") if STREAM in getattr(options, name, ())]
     printed = "format" in options and options.out == STREAM
-    if not given and not printed:
+    if not inputs and not printed:
         yield
         return
     from radioloc.text_files import scratch_folder
 
     with scratch_folder() as folder:
         read, written = Path(folder, "stdin"), Path(folder, f"stdout.{getattr(options, 'format', '')}")
-        if given:
+        if inputs:
             read.write_bytes(sys.stdin.buffer.read())
-        for name in given:
+        for name in inputs:
             setattr(options, name, [read if path == STREAM else path for path in getattr(options, name)])
         if printed:
             options.out, options.quiet = written, True
@@ -133,7 +133,7 @@ def standard_streams(options: argparse.Namespace) -> Iterator[None]:
 
 
 class _VisibleFormatter(logging.Formatter):
-    """A formatter of records whose names may hold control characters."""
+    """Formatter that escapes control characters."""
 
     def format(self, record: logging.LogRecord) -> str:
         return visible(super().format(record))
@@ -141,7 +141,7 @@ class _VisibleFormatter(logging.Formatter):
 
 @contextmanager
 def logged(verbose: bool) -> Iterator[None]:
-    """Show, if `verbose`, the messages that the library logs, with the time since the start."""
+    """Print, if `verbose`, the log messages of the library with the time since the start."""
     logger = logging.getLogger("radioloc")
     handler = logging.StreamHandler()
     handler.setFormatter(_VisibleFormatter("radioloc: %(relativeCreated)6.0f ms  %(message)s"))
@@ -157,18 +157,18 @@ def logged(verbose: bool) -> Iterator[None]:
 
 
 def show_warnings_once() -> None:
-    """Show each of the library's own warnings once, as one line; others as Python does."""
-    seen: set[str | type[Warning]] = set()
+    """Print each warning of the library once, as one line; others as Python does."""
+    shown: set[str | type[Warning]] = set()
     as_python_does = warnings.showwarning
 
     def show(message: Warning | str, category: type[Warning], *where: Any) -> None:
         if not issubclass(category, RadiolocWarning):
             as_python_does(message, category, *where)
             return
-        # Of Earth orientation it differs from part to part of a computation, in nothing but its counts.
-        same = category if category is PredictedEopWarning else str(message)
-        if same not in seen:
-            seen.add(same)
+        # Warnings of Earth orientation differ only in their counts.
+        key = category if category is PredictedEopWarning else str(message)
+        if key not in shown:
+            shown.add(key)
             complain(f"warning: {message}")
 
     warnings.showwarning = cast(Any, show)

@@ -102,7 +102,7 @@ def covariance(options: argparse.Namespace) -> int:
 
     studies = [radioloc.read_study(path) for path in options.studies]
     if len({study.name for study in studies}) < len(studies):
-        options.parser.error("two study files have one name, by which their plans are told apart; rename one")
+        options.parser.error("expected study files of different names; rename one")
     plans = [radioloc.covariance(study, options.hours, reach_m=options.reach) for study in studies]
     if len(plans) == 1:
         return finish(options, plans[0])

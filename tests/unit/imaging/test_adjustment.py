@@ -85,5 +85,5 @@ def test_images_without_ties_to_the_map_are_refused():
     ties = exact()
     empty = np.zeros(0, np.int64)
     loose = replace(ties, map_point=empty, map_m=np.zeros((0, 2)), map_sigma_m=np.zeros(0))
-    with pytest.raises(InputError, match="do not determine the images"):
+    with pytest.raises(InputError, match="do not determine"):
         CHAIN.adjusted(loose)

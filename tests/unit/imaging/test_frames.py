@@ -31,7 +31,7 @@ def test_three_equal_bands_are_grey(tmp_path):
     cv2.imwrite(str(tmp_path / "a.png"), np.repeat(GREY[..., np.newaxis], 3, axis=2))
     assert np.array_equal(read_frame(tmp_path / "a.png"), GREY)
     cv2.imwrite(str(tmp_path / "b.png"), np.stack([GREY, GREY, 255 - GREY], axis=2))
-    with pytest.raises(FileFormatError, match="got 3 bands of type uint8"):
+    with pytest.raises(FileFormatError, match="got 3 bands"):
         read_frame(tmp_path / "b.png")
 
 

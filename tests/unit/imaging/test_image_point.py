@@ -112,10 +112,10 @@ def test_point_is_on_the_elevation_model(ldem_4):
 
 def test_invalid_arguments_are_refused(ldem_4):
     model = lro()
-    with pytest.raises(InputError, match="mean-Earth axes, got IAU_MOON"):
+    with pytest.raises(InputError, match="got IAU_MOON"):
         locate_image_point(read_isd(ISDS / "kaguya_tc.json.gz").model, [5.0, 5.0], Sphere(), SIGMAS)
     for pixel in ([5064.0, 5.0], [5.0], "lander"):
-        with pytest.raises(InputError, match="in the image of 5064 samples"):
+        with pytest.raises(InputError, match="5064 samples"):
             locate_image_point(model, pixel, Sphere(), SIGMAS)
     for bad in ({"pixel": -1.0}, {"height_m": np.nan}, {"position_m": (1.0, 2.0)}, {"attitude_rad": "small"}):
         with pytest.raises(InputError, match=r"sigma of (pixel|height|position|attitude)"):

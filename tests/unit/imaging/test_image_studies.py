@@ -183,6 +183,6 @@ def test_invalid_choices_in_python_are_refused():
         {"sun_azimuth_deg": 1.0},
         {"sun_azimuth_deg": 1.0, "epoch": epochs_from_strings("2020-12-01", "UTC")},
     ):
-        with pytest.raises(InputError, match="either epoch, or sun_azimuth_deg"):
+        with pytest.raises(InputError, match="either epoch, or"):
             ImageChoice((Path("a.png"),), (1.0, 1.0), shade=True, dem=Path("dem.tif"), **angles)
     assert ImageStudy(ImageChoice((Path("a.png"),), (1.0, 1.0), base_map=Path("m.tif"))).name == "images"

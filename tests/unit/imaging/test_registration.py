@@ -128,7 +128,7 @@ def test_last_images_that_only_match_each_other_are_untied(base):
     ids=["another place", "black", "mirrored"],
 )
 def test_no_image_on_the_map_is_an_error(base, frames):
-    with pytest.raises(ConvergenceError, match=r"no image was found on .*map\.tif"):
+    with pytest.raises(ConvergenceError, match=r"no image .*map\.tif"):
         register_chain(frames, base, map_sigma_m=MAP_M)
 
 
@@ -137,12 +137,12 @@ def test_images_out_of_order_are_refused(base):
     order = [0, 3, 1, 4]
     with pytest.raises(InputError, match=r"0001\.png .* comes after 0003\.png"):
         register_chain([SHORT.list[k] for k in order], base, map_sigma_m=MAP_M)
-    with pytest.raises(InputError, match=r"images have the same name: \['0000\.png'\]"):
+    with pytest.raises(InputError, match=r"same name: \['0000\.png'\]"):
         register_chain([SHORT.list[0], SHORT.list[0]], base, map_sigma_m=MAP_M)
 
 
 def test_images_in_reversed_order_are_refused(base):
-    with pytest.raises(InputError, match=r"reversed order: from 0006\.png to 0004\.png"):
+    with pytest.raises(InputError, match=r"reversed order: .*0006\.png"):
         register_chain(SHORT.list[:3:-1], base, map_sigma_m=MAP_M)
 
 

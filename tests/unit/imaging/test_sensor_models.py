@@ -125,7 +125,7 @@ def test_points_behind_the_camera_are_not_visible():
     # The Moon does not hide points in a projection.
     assert model.project(points).visible.tolist()[1:] == [False, True]
     level = replace(model, orientation=ConstantOrientation([R_M + 1e4, 0.0, 0.0], np.eye(3)))
-    with pytest.raises(InputError, match="does not meet the ground"):
+    with pytest.raises(InputError, match="does not meet"):
         image_to_ground(level, [[511.0, 500.0]], Sphere())
 
 

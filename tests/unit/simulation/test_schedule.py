@@ -139,15 +139,15 @@ def test_invalid_schedules_are_refused(model, lander_pa_m):
     session = Session("range", two_way("KASHI"), START, STOP, 600.0, 1.0)
     with pytest.raises(InputError, match="at least one session"):
         planned()
-    with pytest.raises(InputError, match="below the horizon or a mask"):
+    with pytest.raises(InputError, match="below the horizon"):
         planned(session, masks=Masks(89.0))
-    with pytest.raises(InputError, match="same link at the same time"):
+    with pytest.raises(InputError, match="the same link"):
         planned(session, Session("range", two_way("KS"), START, STOP, 1200.0, 1.0))
     with pytest.raises(StationError, match="KASHY"):
         planned(Session("range", two_way("KASHY"), START, STOP, 600.0, 1.0))
     with pytest.raises(InputError, match="count interval"):
         planned(Session("doppler", two_way("KASHI"), START, STOP, 600.0, 1.0))
-    with pytest.raises(InputError, match="stop_utc: expected an epoch after the start"):
+    with pytest.raises(InputError, match="stop_utc: expected"):
         planned(Session("range", two_way("KASHI"), STOP, START, 600.0, 1.0))
     with pytest.raises(InputError, match="leap second"):
         Session("range", two_way("KASHI"), "2016-12-31T12:00", "2017-01-01T12:00", 600.0, 1.0).epochs()

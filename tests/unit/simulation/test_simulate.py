@@ -88,7 +88,7 @@ def test_errors_of_each_pass_are_drawn(lander, lander_pa_m, model):
 
 def test_observations_outside_the_model_are_refused(lander, model):
     low = Schedule([Session("range", two_way("KASHI"), START, "2020-12-02T08:00", 600.0, 1.0)], Masks(-90.0))
-    with pytest.raises(InputError, match=r"of 101 observations .* KASHI>lander>KASHI: below"):
+    with pytest.raises(InputError, match=r"of 101 .* KASHI>lander>KASHI"):
         simulate(low, lander, model=model)
     with pytest.raises(InputError, match="PA_DE421 or ME_DE421"):
         simulate(SCHEDULE, LunarPosition("ME_DE440", lander.xyz_m), model=model)

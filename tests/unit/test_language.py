@@ -31,7 +31,7 @@ MAXIMA = {
     "src/radioloc/dynamics": (0, 4, 0),
     "src/radioloc/estimation": (0, 11, 0),
     "src/radioloc/imaging": (0, 10, 1),
-    "src/radioloc/jobs": (7, 86, 8),
+    "src/radioloc/jobs": (0, 34, 3),
     "src/radioloc/measurements": (0, 2, 0),
     "src/radioloc/noise": (0, 4, 0),
     "src/radioloc/report": (0, 6, 0),

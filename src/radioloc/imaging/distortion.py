@@ -107,8 +107,8 @@ class Distortion:
             if self.definition.removes:
                 return images, derivatives, _has_positive_determinant(derivatives)
             origins, _, valid = self._inverse(images)
-            same = _size(origins - points) <= _ROUND_TRIP_TOLERANCE * (1.0 + _size(points))
-        return images, derivatives, valid & same
+            consistent = _size(origins - points) <= _ROUND_TRIP_TOLERANCE * (1.0 + _size(points))
+        return images, derivatives, valid & consistent
 
     def _inverse(self, target: Floats) -> tuple[Floats, Floats, NDArray[np.bool_]]:
         """Invert the formula by Newton's method from the target itself."""

@@ -206,8 +206,8 @@ class Terrain:
                 rows = active[selected]
                 opposite[rows[side[rows] == sign]] *= 0.5
                 ends[rows], values[rows], side[rows] = distance[rows], clearance[selected], sign
-            wide = np.abs(lower - upper)[active] > 1e-9
-            active = active[mapped & (np.abs(clearance) > _HEIGHT_TOLERANCE_M) & wide]
+            unresolved = np.abs(lower - upper)[active] > 1e-9
+            active = active[mapped & (np.abs(clearance) > _HEIGHT_TOLERANCE_M) & unresolved]
             if not len(active):
                 break
         lower[state == _HIT] = distance[state == _HIT]

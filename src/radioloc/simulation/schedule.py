@@ -206,7 +206,9 @@ class Schedule:
         if not self.sessions:
             raise InputError("a schedule needs at least one session")
         targets = target_pa_m if isinstance(target_pa_m, Mapping) else {target: target_pa_m}
-        cases = [(k, *case) for k, one in enumerate(self.sessions) for case in _tracked(one, model, targets)]
+        cases = [
+            (k, *case) for k, item in enumerate(self.sessions) for case in _tracked(item, model, targets)
+        ]
         rows = [self._rows(self.sessions[k], model, place, name) for k, name, place in cases]
         observations = Observations.concatenate([part for part, _, _ in rows])
         if len(observations) == 0:

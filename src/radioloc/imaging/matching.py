@@ -84,7 +84,7 @@ class Matches:
 
 
 def detect(image: Image, mask: Mask | None = None, count: int = 2000) -> Features:
-    """Detect and describe features, those of most contrast in each part of the image; flat images have zero features."""
+    """Detect and describe features, those of most contrast in each part of the image; flat images yield zero."""
     cv2 = load_opencv()
     usable = np.ones(image.shape, bool) if mask is None else mask
     points: Any = ()

@@ -1,4 +1,4 @@
-"""From wherever on the near side a search starts, the fit ends at the same place."""
+"""A search from any point of the near side ends at the same position."""
 
 import math
 

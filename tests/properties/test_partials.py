@@ -97,7 +97,7 @@ def model():
 
 @pytest.fixture(scope="module")
 def airless():
-    """Without what changes with a station's height and with the tide above it: 1e-3 of a displacement."""
+    """Model without effects that change with a station's height and with the tide above it: 1e-3 of a displacement."""
     off = ("troposphere", "ionosphere", "solid_earth_tide", "pole_tide", "ocean_loading", "tidal_geocentre")
     return PhysicalModel.build(delays=DELAYS, off=off)
 
@@ -129,7 +129,7 @@ def assert_same(analytic, numeric, relative=RELATIVE, scale=0.0):
 
 
 def column_of(arc, parameter, **choice):
-    """One column of the partials at the a-priori values."""
+    """Column of the partials at the a-priori values."""
     problem = problem_of(arc, **choice)
     partials = problem.residuals(problem.parameters.prior_values)[1]
     return partials[:, problem.parameters.index(parameter)]
@@ -207,7 +207,7 @@ def test_range_bias(model, case):
 
 
 def read_delay_m(model, case, ahead):
-    """What stations with wrong clocks read: ``ahead`` gives how far each is ahead at a TAI, s.
+    """Readings of stations with wrong clocks: ``ahead`` gives how far each is ahead at a TAI, s.
 
     Each arrival is read too late by as much, the first one's reading is the tag, and a count interval is one by the
     first station's clock.
@@ -458,7 +458,7 @@ def test_station_delay(model):
 
 
 def test_two_targets(model):
-    """Of the difference of two targets' delays each target's position has its own share."""
+    """Partials of a differenced delay by the position of each target are those of its delay."""
     constants = model.ephemeris.constants
     other = LunarPosition.from_selenographic(-40.0, 38.0, -1500.0)
     positions_m = np.array([place.to_axes("PA", constants).xyz_m for place in (SITE, other)])

@@ -79,7 +79,7 @@ DRAWN = (
 
 
 def fits():
-    """With biases free and all observations in full; with biases known to 10 m; and the study as it is."""
+    """Studies with free biases and independent weights, with biases known to 10 m, and as in the example."""
     study = radioloc.read_study(EXAMPLES / "change5" / "simulation.toml")
     scenario = study.simulation
     calm = {kind: replace(item, outlier_fraction=0.0) for kind, item in scenario.noise.link.items()}
@@ -91,7 +91,7 @@ def fits():
 
 
 def effects(study):
-    """What errors of one sigma do to observations, m, shape (n, errors), by name."""
+    """Effects of errors of one sigma on observations, m, shape (n, errors), by name."""
     drawn, result = {}, {}
     for name, (sigma, kind, whose, factor) in ERRORS.items():
         if id(sigma) not in drawn:
@@ -113,7 +113,7 @@ def differences(study, effects_m):
     ready = Prepared.of(replace(study, consider_defaults=False, consider={}), HOURS)
     linear = ready.linear()
     noise_m, _ = linear.draws.draw(range(DRAWS))
-    observations = ready.parts[0].arc.observations
+    observations = ready.parts[0].problem.arc.observations
     elapsed_h = 24.0 * (observations.epoch.mjd - observations.epoch.mjd.min())
     warm_m = (observations.types() == "range") * C_M_S * 1e-8 * np.exp(-elapsed_h / 2.0)
     effects_m = effects_m | {WARM_UP: warm_m[:, None], NOISE: noise_m.T / np.sqrt(DRAWS)}
@@ -122,12 +122,12 @@ def differences(study, effects_m):
         # Correlated weights are estimated from the noise of the first draw, which has seed 0.
         fit = arc.fit(noise_m[0, arc.part], seed=0).fit
         of_arc = {
-            name: arc.compared.by_parameters[0] @ moved_by(fit, lambda rows, m=m: m[rows], m.shape[1])
+            name: arc.compared[0].by_parameters[0] @ moved_by(fit, lambda rows, m=m: m[rows], m.shape[1])
             for name, m in ((name, m[arc.part]) for name, m in effects_m.items())
         }
         height = fit.parameters.names.index("position.height")
         wrong = 15.0 / fit.parameters.prior_sigmas[height]
-        of_arc[HEIGHT] = arc.compared.by_parameters[0] @ prior_effects(fit)[:, [height]] * wrong
+        of_arc[HEIGHT] = arc.compared[0].by_parameters[0] @ prior_effects(fit)[:, [height]] * wrong
         moved.append(of_arc)
     long, short = moved
     return {name: (long[name] - short[name])[:2] for name in long}

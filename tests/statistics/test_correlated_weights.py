@@ -71,7 +71,7 @@ def trials(step_s, noise, weights, station_sigma_m=0.18, count=TRIALS):
 
 
 def rms_m(result):
-    """Of the errors in space."""
+    """Root mean square of the errors in space, m."""
     return float(np.linalg.norm(result.arcs[0].rms_m))
 
 

@@ -1,4 +1,4 @@
-"""Whether the stated uncertainty is the true one: seeded Monte Carlo against exact bounds of chance.
+"""Coverage of the stated uncertainty: seeded Monte Carlo against exact bounds of chance.
 
 Bounds are those that a right estimator exceeds with a probability of 1e-5 (binomial, chi-square); with
 fixed seeds a failure is a change of the code, not of luck.

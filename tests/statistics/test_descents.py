@@ -1,4 +1,4 @@
-"""Whether landers are found within a pixel of the map, in ellipses that hold the truth, over drawn descents."""
+"""Accuracy of landers within a pixel of the map, and coverage of their ellipses, over drawn descents."""
 
 import pytest
 from coverage_cells import bounds

@@ -1,4 +1,4 @@
-"""Whether the ellipses of a chain of images hold the truth as often as they say."""
+"""Coverage of the ellipses of a chain of images."""
 
 import numpy as np
 import pytest

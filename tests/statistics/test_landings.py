@@ -1,4 +1,4 @@
-"""Whether ellipses hold the landing place, over drawn descents whose thrust is not that of the plan."""
+"""Coverage of ellipses of the landing place, over drawn descents whose thrust is not that of the plan."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Whether simulated noise has the distribution that was asked for, and what it does to a fitted position.
+"""Distribution of simulated noise, and its effect on a fitted position.
 
 Bounds are those of chance at a probability of 1e-5 (chi-square, normal); with fixed seeds a failure is a change of the
 code, not of luck.

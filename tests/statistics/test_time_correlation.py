@@ -1,4 +1,4 @@
-"""Whether 95 % regions hold the truth in 95 % of cases where errors last for hours, and stay where they do not.
+"""Coverage of 95 % regions with errors that last for hours; regions stay where they do not.
 
 Stations A, B and C see the toy Moon for 10 h in 24.8 over 48 h, each with a range bias of 10 m a priori.
 """

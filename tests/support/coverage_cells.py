@@ -18,6 +18,7 @@ from scipy.stats import binom, chi2
 from threadpoolctl import threadpool_limits
 
 from radioloc import Study
+from radioloc.jobs.compared_target import true_parameters
 from radioloc.jobs.linear_trials import LinearArc, LinearTrials
 from radioloc.jobs.prepared_trials import Prepared
 from radioloc.labels import USED
@@ -108,7 +109,9 @@ def prepared(data: str, hours: float) -> tuple[Plan, LinearTrials]:
     assert linear is not None
     problem = ready.parts[0].problem
     errors = ParameterSet(problem.model.parameters.parameters[problem.reported_count :])
-    partials = problem.model.linearize(ready.true_parameters(problem)).partials(np.arange(len(ready.rows)))
+    partials = problem.model.linearize(true_parameters(problem, ready.targets)).partials(
+        np.arange(len(ready.rows))
+    )
     lot = linear.drawn
     drawn = DrawnErrors(
         (*lot.names, *errors.names),
@@ -123,8 +126,9 @@ def drawing(linear: LinearTrials, drawn: DrawnErrors) -> LinearTrials:
     count = len(drawn.names) - len(linear.drawn.names)
 
     def padded(arc: LinearArc) -> LinearArc:
-        by_drawn = np.pad(arc.compared.by_drawn, ((0, 0), (0, 0), (0, count)))
-        return replace(arc, compared=replace(arc.compared, by_drawn=by_drawn))
+        [compared] = arc.compared
+        by_drawn = np.pad(compared.by_drawn, ((0, 0), (0, 0), (0, count)))
+        return replace(arc, compared=(replace(compared, by_drawn=by_drawn),))
 
     return replace(linear, drawn=drawn, arcs=tuple(map(padded, linear.arcs)))
 
@@ -228,7 +232,7 @@ def undetected_covariance_m2(linear: LinearTrials) -> np.ndarray:
     weights = arc.status.are(USED) / arc.noise.sigma_m**2
     shifts = np.zeros((len(arc.parameters), len(drifts)))
     shifts[arc.parameters.free] = arc.problem.to_free @ (arc.problem.basis.T @ (errors_m * weights).T)
-    by_parameters = arc.compared.by_parameters[0]
+    by_parameters = arc.compared[0].by_parameters[0]
     shifts_m = by_parameters @ shifts[: by_parameters.shape[1]]
     return np.asarray(shifts_m @ shifts_m.T)
 

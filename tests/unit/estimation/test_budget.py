@@ -37,7 +37,7 @@ def squares(items):
 
 
 def test_a_priori_values_and_noise_are_told_apart():
-    """Of refits to observations and a-priori values that are wrong, one at a time."""
+    """Return errors of refits with one wrong observation or a-priori value at a time."""
     design, sigma = RNG.normal(size=(40, 3)), 0.5 + RNG.random(40)
     items = [
         Parameter(name, "m", "position", 0.0, prior)

@@ -46,7 +46,7 @@ def test_an_error_in_common_neither_separates_nor_averages_out():
 
 
 def test_part_and_whole_differ_by_less_than_independent_estimates():
-    """By hand: the mean of four values of variance 1 differs from that of the first two by variance 1/2 - 1/4."""
+    """The mean of four values of variance 1 differs from that of the first two by variance 1/2 - 1/4."""
     total = estimate("48 h", [0.0, 0.0, 0.0], 0.25 * np.eye(3), study="s", data=frozenset("d"))
     part = estimate("24 h", [1.0, 0.0, 0.0], 0.5 * np.eye(3), study="s", data=frozenset("d"), hours=24.0)
     assert agreement(part, total).chi2 == pytest.approx(4.0)
@@ -134,7 +134,7 @@ def test_estimates_76_km_apart_at_the_same_height_agree_as_their_horizontal_sigm
 
 
 def test_an_estimate_from_lines_of_sight_is_combined_along_straight_lines():
-    """Of a point 10 km to the east, where verticals are 0.33 deg apart, one direction in space is known to 1 cm."""
+    """One direction in space is determined to 1 cm 10 km to the east, where verticals are 0.33 deg apart."""
     other_m = displaced(PLACE, np.array([10e3, 0.0, 0.0]))
     sigmas_m = np.array([3e3, 3e3, 0.01])
     item, two = at(PLACE, "map", [3e3, 3e3, 3e3]), at(other_m, "radio", sigmas_m, straight=True)

@@ -1,4 +1,4 @@
-"""What considered parameters add to the covariance, against fits of data that their errors have changed."""
+"""Contribution of consider parameters to the covariance, against fits of data that their errors have changed."""
 
 from dataclasses import replace
 

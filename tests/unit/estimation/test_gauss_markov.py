@@ -1,4 +1,4 @@
-"""Which noise is found in series of residuals."""
+"""Noise models that are estimated from series of residuals."""
 
 import numpy as np
 
@@ -22,7 +22,7 @@ def points(residual, step_s=None, gain=None, unit=None):
 
 
 def test_flicker_noise_is_not_taken_for_one_short_process():
-    """What matters is how uncertain a mean is: one process alone, of the likeliest time, has too little there."""
+    """The uncertainty of a mean is compared: one process alone, of the likeliest time, has too little there."""
     stated, item, true = np.zeros(40), np.zeros(40), np.zeros(40)
     for seed in range(40):
         residual = Noise(white_m=1.0, flicker_m=0.7).series(1440, 60.0, [seed], "a")[0][0]

@@ -108,7 +108,7 @@ def test_a_step_that_the_parameters_hold_already():
 
 @pytest.mark.study
 def test_chance_is_uniform():
-    """Of chi-square of 200 problems without misfit: the mean of -log of the chance is one, to 3 / sqrt(200)."""
+    """Chi-square of 200 problems without misfit: the mean of -log of the chance is one, to 3 / sqrt(200)."""
     logs = []
     for seed in range(200):
         *_, binned = problem(seed, ObservationCovariance.of(1.0, 3 * N))

@@ -51,7 +51,7 @@ def test_size_of_parts_does_not_matter(rows_at_once, monkeypatch):
 
 
 def test_a_sample_starts_what_the_whole_ends(monkeypatch):
-    """One series in a hundred has a bias of its own; most blunders are of one sign."""
+    """Every hundredth observation has a bias of its own; most blunders are of one sign."""
     rng = np.random.default_rng(4)
     n = 30000
     rare = np.arange(n) % 100 == 17

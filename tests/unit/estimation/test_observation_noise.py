@@ -77,7 +77,7 @@ def test_parts_of_any_length_give_the_same(network, monkeypatch):
 
 
 def test_six_baselines_of_four_stations_carry_three_delays():
-    """Where the stations' noise is all there is; then three baselines of one station say as much as all six."""
+    """Without noise of the baselines, three baselines of one station have the information of all six."""
     network = DelayNetwork.make(own_m=1e-4, station_m=1.0)
     observed_m = np.zeros(len(network.epoch))
     six = fit(network, observed_m)

@@ -21,7 +21,7 @@ N = 300
 
 
 def faults(error_m, *, stated_m=NOISE_M, count_s=1.0, cycle_m=CYCLE_M, time_s=None):
-    """Of counts of one link that have noise of 1 mm, errors, and an offset that is estimated."""
+    """Reasons for counts of one link that have noise of 1 mm, errors, and an offset that is estimated."""
     observed_m = 5.0 + NOISE_M * np.random.default_rng(1).normal(size=N) + error_m
     design = np.ones((N, 1))
     parameters = ParameterSet([Parameter("offset", "m", "bias")])

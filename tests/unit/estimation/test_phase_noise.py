@@ -37,7 +37,7 @@ def chain(n):
 
 
 def test_a_rate_is_known_as_the_slope_of_the_phases():
-    """Of n counts, as of n + 1 phases by linear regression, with a sigma that falls by n^(3/2), not by a root of n."""
+    """The sigma of a rate from n counts falls by n^(3/2), as of linear regression of n + 1 phases."""
     noise, _ = chain(400)
     parameters = ParameterSet([Parameter("offset", "m", "bias")])
     design, rng = np.ones((400, 1)), np.random.default_rng(2)

@@ -135,7 +135,7 @@ def test_long_series_are_averaged_and_gaps_take_no_bins():
 
 
 def delays_with_lasting_errors(stated_m, station_m, epochs=1500, scale=1.0):
-    """What is found in delays of four stations whose errors are correlated in time, own sigmas times some factors."""
+    """Time correlation of delays of four stations with errors that last, for scaled sigmas of the baselines."""
     network = DelayNetwork.make(epochs=epochs, station_m=stated_m)
     rng = np.random.default_rng(5)
     stations = np.column_stack(
@@ -179,7 +179,7 @@ def test_rounding_does_not_choose_the_combinations():
 
 
 def test_what_is_known_already_is_not_sought_again():
-    """With correlated weights the residuals have been whitened by it."""
+    """Residuals of correlated weights have been whitened by it."""
     fit, *data = line()
     correlation = assessed(fit, *data)
     refit = replace(line(coloured=0.0)[0], time_correlation=correlation)

@@ -24,12 +24,14 @@ from radioloc.estimation.combination import (
     joint_estimate,
     rotated_covariance,
 )
+from radioloc.estimation.shared_observations import SampledSeries, share_observations
 from radioloc.estimation.statistics import finite_or_none
 from radioloc.lunar.local import rot_enu_between
 from radioloc.lunar.position import LunarPosition
 from radioloc.results.comparison import Comparison
 from radioloc.results.recorded import read_recorded
 from radioloc.results.result import Result
+from radioloc.results.state_comparison import StateComparison, state_pair
 from radioloc.results.tables import METHODS, Place, PositionRow, by_axis, place_fields, place_record
 from radioloc.study.schema import Hints, TomlTable, check, entry, toml_content
 from radioloc.study.target_file import Place as PositionTable
@@ -43,7 +45,7 @@ _JOINT = "joint estimate"
 
 def compare(
     solutions: Iterable[str | Path | Result], reference: str | None = None, target: str | None = None
-) -> Comparison:
+) -> Comparison | StateComparison:
     """Compare solutions as table 1 of Wang et al. (2021) does, test each pair, and combine them.
 
     Parameters
@@ -56,6 +58,11 @@ def compare(
         or else the first solution.
     target : str, optional
         Target to compare, if solutions have several.
+
+    Returns
+    -------
+    Comparison or StateComparison
+        Of positions, or of the states of a spacecraft, which have one epoch.
 
     Raises
     ------
@@ -73,6 +80,9 @@ def compare(
     if isinstance(solutions, str | Path | Result):
         solutions = (solutions,)
     require_type("solutions", solutions, Iterable)
+    solutions = tuple(solutions)
+    if (states := _recorded_states(solutions, target)) is not None:
+        return _compare_states(states)
     recorded, references = _read_all(solutions, target)
     frame = _common_frame(recorded)
     names = _distinct_names(recorded)
@@ -100,6 +110,49 @@ def compare(
     return Comparison(
         frame, benchmark, tuple(rows), _covariances_en_m2(estimates, joint, origin_m), agreements, joint
     )
+
+
+def _recorded_states(
+    solutions: Sequence[str | Path | Result], target: str | None
+) -> list[tuple[Mapping[str, Any], Mapping[str, Any]]] | None:
+    """Return solutions and their states of a spacecraft; None if a solution has a position or no such state."""
+    recorded = []
+    for source in solutions:
+        if isinstance(source, str | Path) and Path(source).suffix == ".toml":
+            return None
+        content = source.to_dict() if isinstance(source, Result) else read_recorded(source)
+        for arc in content.get("arcs", [{"solution": content}]):
+            solution = arc.get("solution", {})
+            states = solution.get("states") or {}
+            state = states.get(target) if states else solution.get("state")
+            if solution.get("position") or state is None:
+                return None
+            recorded.append((solution, state))
+    return recorded or None
+
+
+def _compare_states(recorded: Sequence[tuple[Mapping[str, Any], Mapping[str, Any]]]) -> StateComparison:
+    """Compare the states of solutions at one epoch."""
+    epochs = list(dict.fromkeys(state["epoch_tdb"] for _, state in recorded))
+    if len(epochs) > 1:
+        raise InputError(
+            f"solutions: expected states at one epoch, got {', '.join(epochs)}; give their studies the same epoch in "
+            "[target]"
+        )
+    names = [solution["name"] for solution, _ in recorded]
+    if len(set(names)) < len(names):
+        raise InputError("solutions: expected different names, got one name twice; rename their studies")
+    samples = [tuple(map(SampledSeries.from_dict, solution["observations"])) for solution, _ in recorded]
+    pairs = [
+        state_pair(
+            (names[first], names[second]),
+            (recorded[first][1], recorded[second][1]),
+            share_data=share_observations(samples[first], samples[second]),
+        )
+        for first, second in combinations(range(len(recorded)), 2)
+    ]
+    converged = {solution["name"]: solution["converged"] for solution, _ in recorded}
+    return StateComparison(epochs[0], converged, tuple(pairs))
 
 
 def _read_all(

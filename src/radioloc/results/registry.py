@@ -9,6 +9,7 @@ from radioloc.results.covariance import CovarianceStudy
 from radioloc.results.monte_carlo import MonteCarlo
 from radioloc.results.result import Result, ResultType
 from radioloc.results.solution import ORBIT_FILES, Solution
+from radioloc.results.state_comparison import StateComparison
 from radioloc.results.subsets import ArcStudy, LeaveOneOut
 from radioloc.results.tables import POSITION_FILES
 
@@ -36,6 +37,7 @@ RESULTS = Registry(
             ("arcs.json", "states.csv", *POSITION_FILES, "[0-9]*h/solution.json", "[0-9]*h/residuals.csv"),
         ),
         ResultType("comparison", Comparison, ("comparison",), ("comparison.json", *POSITION_FILES)),
+        ResultType("state_comparison", StateComparison, (), ("comparison.json", "states.csv")),
         ResultType(
             "monte_carlo",
             MonteCarlo,

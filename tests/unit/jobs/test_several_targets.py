@@ -1,5 +1,7 @@
 """Targets of different kinds in one fit, each against its truth and against a fit of its own."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import several_targets
@@ -7,6 +9,7 @@ from several_targets import LANDER, ROVER, STATE
 
 import radioloc
 from radioloc.measurements import PhysicalModel
+from radioloc.results.state_comparison import state_pair
 
 TURNED = STATE[[1, 0, 2, 4, 3, 5]]
 ALL = ("lander", "rover", "craft", "other", "known", "descent")
@@ -130,3 +133,35 @@ def test_files_of_several_orbits_are_in_a_folder(joint, tmp_path):
     content = joint.to_dict()
     assert [*content["states"]] == ["craft", "other", "descent"]
     assert content["states"]["craft"] == content["state"]
+
+
+def test_states_from_ranges_and_from_doppler_agree(scene, tmp_path):
+    study = scene.study("craft")
+    solutions = [
+        radioloc.locate(
+            replace(study, name=kind, observations=replace(study.observations, types=(kind,))),
+            scene.observations,
+        )
+        for kind in ("range", "doppler")
+    ]
+    compared = radioloc.compare(solutions)
+    [pair] = compared.pairs
+    assert pair.chi2 < 22.5  # 0.1 % of six
+    assert compared.is_usable
+    for solution in solutions:
+        radioloc.write_report(tmp_path / solution.name, solution)
+    files = [tmp_path / solution.name / "solution.json" for solution in solutions]
+    assert radioloc.compare(files).to_dict() == compared.to_dict()
+    shifted = solutions[0].to_dict()
+    shifted["state"]["position_m"][0] += 1e3
+    far = state_pair(("a", "b"), (shifted["state"], solutions[1].to_dict()["state"]), share_data=False)
+    assert far.chance < 1e-3
+
+
+def test_states_of_common_observations_are_not_tested(scene):
+    study = scene.study("craft")
+    compared = radioloc.compare(
+        [radioloc.locate(replace(study, name=name), scene.observations) for name in ("a", "b")]
+    )
+    assert compared.pairs[0].why == "they share observations"
+    assert "no pair could be tested" in str(compared)

@@ -20,13 +20,13 @@ from radioloc.vectors import rtn_axes
 class StatePair:
     """Difference of two states, along the axes of the orbit of the second, and its significance."""
 
-    one: str
-    two: str
+    first: str
+    second: str
     radial_m: float  # the first less the second, as the next two
     along_m: float
     across_m: float
     chi2: float | None = None  # of position and velocity, six degrees of freedom; None without a test
-    why: str = ""  # reason for the lack of a test
+    reason: str = ""  # for the lack of a test
 
     @property
     def chance(self) -> float | None:
@@ -96,7 +96,7 @@ class StateComparison(Result):
     def _status(self) -> Iterator[str]:
         failed = [name for name, converged in self.solutions.items() if not converged]
         different = [
-            f"{pair.one} and {pair.two}"
+            f"{pair.first} and {pair.second}"
             for pair in self.pairs
             if pair.chance is not None and pair.chance < MIN_CHANCE
         ]
@@ -107,9 +107,11 @@ class StateComparison(Result):
         if not failed and not different:
             is_tested = any(pair.chi2 is not None for pair in self.pairs)
             yield "consistent" if is_tested else "no pair could be tested"
-        for why in dict.fromkeys(filter(None, (pair.why for pair in self.pairs))):
-            names = "; ".join(f"{pair.one} and {pair.two}" for pair in self.pairs if pair.why == why)
-            yield f"{names} are not tested: {why}"
+        for reason in dict.fromkeys(filter(None, (pair.reason for pair in self.pairs))):
+            names = "; ".join(
+                f"{pair.first} and {pair.second}" for pair in self.pairs if pair.reason == reason
+            )
+            yield f"{names} are not tested: {reason}"
 
 
 def state_pair(
@@ -121,9 +123,9 @@ def state_pair(
     pair = StatePair(*names, *(rtn_axes(*vectors[1]) @ difference[0]).tolist())
     covariance = sum(np.array(state["covariance"], dtype=np.float64) for state in states)
     if share_data:
-        return replace(pair, why="they share observations")
+        return replace(pair, reason="they share observations")
     if not np.isfinite(covariance).all():
-        return replace(pair, why="a state is not determined")
+        return replace(pair, reason="a state is not determined")
     error = difference.ravel()
     return replace(pair, chi2=float(error @ np.linalg.solve(covariance, error)))
 
@@ -133,4 +135,4 @@ def _cells(pair: StatePair) -> tuple[str, ...]:
     if pair.chi2 is not None and pair.chance is not None:
         sigmas, chance = f"{math.sqrt(pair.chi2):.2f}", f"{100.0 * pair.chance:.2g}"
     sides = map(signed_metres, (pair.radial_m, pair.along_m, pair.across_m))
-    return f"{pair.one} - {pair.two}", *sides, sigmas, chance
+    return f"{pair.first} - {pair.second}", *sides, sigmas, chance

@@ -154,8 +154,8 @@ def test_states_from_ranges_and_from_doppler_agree(scene, tmp_path):
     assert radioloc.compare(files).to_dict() == compared.to_dict()
     shifted = solutions[0].to_dict()
     shifted["state"]["position_m"][0] += 1e3
-    far = state_pair(("a", "b"), (shifted["state"], solutions[1].to_dict()["state"]), share_data=False)
-    assert far.chance < 1e-3
+    displaced = state_pair(("a", "b"), (shifted["state"], solutions[1].to_dict()["state"]), share_data=False)
+    assert displaced.chance < 1e-3
 
 
 def test_states_of_common_observations_are_not_tested(scene):
@@ -163,5 +163,5 @@ def test_states_of_common_observations_are_not_tested(scene):
     compared = radioloc.compare(
         [radioloc.locate(replace(study, name=name), scene.observations) for name in ("a", "b")]
     )
-    assert compared.pairs[0].why == "they share observations"
+    assert compared.pairs[0].reason == "they share observations"
     assert "no pair could be tested" in str(compared)

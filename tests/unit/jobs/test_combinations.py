@@ -149,7 +149,7 @@ REFUSALS = {
     ("montecarlo", "known trajectory"): ("1", "needs the position estimated"),
     ("arcs", "known trajectory"): ("1", "the motion of each target is known"),
     ("leave-one-out", "known trajectory"): ("1", "needs the position estimated"),
-    ("compare", "known trajectory"): ("1", "moves along a trajectory"),
+    ("compare", "known trajectory"): ("1", "on a trajectory"),
     ("images with tracking", "known trajectory"): ("2", FLIES),
     ("images with tracking", "orbit"): ("2", FLIES),
     ("process noise", "surface point"): ("3", NO_FORCES),

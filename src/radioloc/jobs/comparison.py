@@ -118,7 +118,9 @@ def _recorded_states(
     """Return solutions and their states of a spacecraft; None if a solution has a position or no such state."""
     recorded = []
     for source in solutions:
-        if isinstance(source, str | Path) and Path(source).suffix == ".toml":
+        require_type("solutions", source, str, Path, Result)
+        # Standard input can be read only once.
+        if isinstance(source, str | Path) and (str(source) == "-" or Path(source).suffix == ".toml"):
             return None
         content = source.to_dict() if isinstance(source, Result) else read_recorded(source)
         for arc in content.get("arcs", [{"solution": content}]):

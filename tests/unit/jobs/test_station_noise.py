@@ -51,7 +51,7 @@ def test_tags_of_one_wavefront_share_an_epoch():
 def test_epochs_too_dense_to_tell_are_refused():
     assert same_epoch(tags(0.051 * np.arange(5))).tolist() == [0, 1, 2, 3, 4]
     assert same_epoch(tags([0.0, 0.025, 0.0499])).tolist() == [0, 0, 0]
-    with pytest.raises(InputError, match=r"vlbi_station_sigma_m needs epochs 0\.1 s apart or more"):
+    with pytest.raises(InputError, match=r"closer than 0\.1 s"):
         same_epoch(tags(0.6 * SAME_EPOCH_S * np.arange(3)))
 
 

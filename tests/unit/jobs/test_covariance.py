@@ -226,7 +226,7 @@ def test_what_cannot_be_observed_is_said():
     assert "NOT OBSERVABLE: the data do not determine" in " ".join(str(found).split())
     assert found.to_dict()["arcs"][0]["radius_95_m"] is None
     assert found.improvements == ()
-    with pytest.raises(InputError, match="nothing to draw"):
+    with pytest.raises(InputError, match="a length that determines"):
         plot(found, "covariance")
 
 

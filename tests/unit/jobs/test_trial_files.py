@@ -21,20 +21,20 @@ def test_damaged_trials(files, tmp_path):
     path = tmp_path / "parts" / "linear-000003-000003.npz"
     values = np.array([[[1.5, np.nan], [1.25, 0.5]]])
     files.add("linear", [3], values)
-    np.testing.assert_array_equal(files.found("linear")[3], values[0])
-    assert files.found("full") == {}
+    np.testing.assert_array_equal(files.completed("linear")[3], values[0])
+    assert files.completed("full") == {}
     sound = path.read_bytes()
     cases = [b"", b"\xff\xfe\0\1", b"trial,hours\n3,6\n", *(sound[:k] for k in range(1, len(sound), 29))]
     for content in cases:
         path.write_bytes(content)
         with pytest.raises(InputError, match=r"is damaged .*; remove the file and resume") as caught:
-            files.found("linear")
+            files.completed("linear")
         assert path.name in str(caught.value)
         assert "\n" not in str(caught.value)
     for k in range(0, len(sound), 5):
         path.write_bytes(sound[:k] + bytes([sound[k] ^ 0x55]) + sound[k + 1 :])
         try:
-            found = files.found("linear")
+            found = files.completed("linear")
         except InputError:
             continue
         # What only describes the file may change; numbers have a checksum.
@@ -51,7 +51,7 @@ def test_damaged_trials(files, tmp_path):
 def test_trials_of_another_shape(files, tmp_path, columns, hours, words):
     files.add("linear", [3], np.zeros((1, 2, 2)))
     with pytest.raises(InputError, match=words):
-        TrialFolder(tmp_path, {"seed": 1}, columns, hours).found("linear")
+        TrialFolder(tmp_path, {"seed": 1}, columns, hours).completed("linear")
 
 
 def npy_header(shape, descr):
@@ -74,7 +74,7 @@ SOUND = {"trials": np.array([3]), "values": np.zeros((1, 2, 2)), "columns": np.a
 def test_arrays_of_another_kind_are_damage(files, tmp_path, change, words):
     np.savez(tmp_path / "parts" / "linear-000003-000003.npz", **SOUND | change)
     with pytest.raises(InputError, match=words):
-        files.found("linear")
+        files.completed("linear")
 
 
 @pytest.mark.parametrize(
@@ -92,7 +92,7 @@ def test_a_header_that_promises_more_than_the_file_allocates_nothing(files, tmp_
     with zipfile.ZipFile(path, "a") as archive:
         archive.writestr("values.npy", values)
     with pytest.raises(InputError, match="is damaged"):
-        files.found("linear")
+        files.completed("linear")
 
 
 def test_compressed_trials_are_refused_before_they_fill_the_memory(files, tmp_path):
@@ -100,7 +100,7 @@ def test_compressed_trials_are_refused_before_they_fill_the_memory(files, tmp_pa
         tmp_path / "parts" / "linear-000003-000003.npz", **SOUND | {"values": np.zeros((10**6, 2, 2))}
     )
     with pytest.raises(InputError, match="is compressed"):
-        files.found("linear")
+        files.completed("linear")
 
 
 @pytest.mark.parametrize("content", [b"{", b"[1]", b"\xff", b""])

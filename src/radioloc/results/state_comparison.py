@@ -8,7 +8,6 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy.stats import chi2 as chi2_distribution
 
 from radioloc.results.cards import Card, Field, signed_metres
 from radioloc.results.comparison import MIN_CHANCE
@@ -31,7 +30,9 @@ class StatePair:
     @property
     def chance(self) -> float | None:
         """Probability of a difference at least as unlikely, if both states and their covariances are right."""
-        return None if self.chi2 is None else float(chi2_distribution.sf(self.chi2, 6))
+        from scipy.special import chdtrc
+
+        return None if self.chi2 is None else float(chdtrc(6, self.chi2))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -25,6 +25,7 @@ from radioloc.results.covariance import Contribution, CovarianceStudy, Improveme
 from radioloc.results.monte_carlo import LinearityCheck, MonteCarlo
 from radioloc.results.registry import RESULTS, result_type
 from radioloc.results.result import Table
+from radioloc.results.state_comparison import StateComparison, StatePair
 from radioloc.results.subsets import Arc, ArcStudy, LeaveOneOut, Omission
 
 
@@ -83,6 +84,12 @@ MADE = {
         lambda: radioloc.compare([solution()]),
         {"comparison.json", "table1.csv", "table1.md", "table1.tex"},
     ),
+    "state_comparison": (
+        lambda: StateComparison(
+            "2024-05-02", {"12 h": True, "24 h": True}, (StatePair("12 h", "24 h", 1.0, -2.0, 0.5, 4.0),)
+        ),
+        {"comparison.json", "states.csv"},
+    ),
     "monte_carlo": (trials, {"montecarlo.json", "trials.csv"}),
     "covariance": (plan, {"covariance.json", "covariance.csv"}),
     "leave_one_out": (without, {"leave_one_out.json", "leave_one_out.csv"}),
@@ -96,6 +103,7 @@ FIGURES_OF = {
     "solution": {"residuals", "position", "correlations", "distribution", "budget"},
     "arcs": {"figure2", "arcs"},
     "comparison": {"comparison"},
+    "state_comparison": set(),
     "monte_carlo": {"trials", "error_by_length"},
     "covariance": {"covariance"},
     "leave_one_out": set(),

@@ -107,12 +107,12 @@ def covariance(
     plan = _Plan.of(study, observations)
     fits = [plan.fit(part) for part in plan.parts(hours)]
     targets = fits[-1].part.problem.model.targets
-    first, *others = (
+    first, *further = (
         _study_of_target(plan, fits, k, reach_m)
         for k, target in enumerate(targets)
         if any(item.role is Role.ESTIMATED for item in target.parameters)
     )
-    return replace(first, others=tuple(others))
+    return replace(first, others=tuple(further))
 
 
 def _study_of_target(
@@ -183,15 +183,15 @@ class _Plan:
         lengths = [length for length in HOURS if length < 0.98 * span_h]
         while lengths and 2.0 * lengths[-1] < 0.98 * span_h:
             lengths.append(2.0 * lengths[-1])
-        found: list[ArcPart] = []
+        parts: list[ArcPart] = []
         for length in [*lengths, float(np.ceil(10.0 * span_h - 1e-6) / 10.0)]:
             try:
                 part = arc_parts(self.problem, [length])[0]
             except InputError:  # nothing is seen yet
                 continue
-            if not found or len(part.rows) > len(found[-1].rows):
-                found.append(part)
-        return found
+            if not parts or len(part.rows) > len(parts[-1].rows):
+                parts.append(part)
+        return parts
 
 
 def _scheduled(
@@ -251,13 +251,13 @@ def _contributions(fit: PlannedFit, target: int) -> Iterator[Contribution]:
 def _better_known(fit: PlannedFit, target: int) -> Iterator[Improvement]:
     """Yield the improvement by knowing each considered source, and each estimated kind, without error."""
 
-    def known(what: str, names: Sequence[str]) -> Improvement:
-        return Improvement(f"{what} known", fit.with_fixed(*names).planned(target).radius_95_m)
+    def without_error(subject: str, names: Sequence[str]) -> Improvement:
+        return Improvement(f"{subject} known", fit.with_fixed(*names).planned(target).radius_95_m)
 
     arc, parameters = fit.planned(target), fit.parameters
     in_weights = [item for item in parameters if item.role is Role.CONSIDERED]
-    outside = () if fit.suboptimal is None else fit.suboptimal.parameters
-    for kind in dict.fromkeys(item.kind for item in (*in_weights, *outside)):
+    suboptimal = () if fit.suboptimal is None else fit.suboptimal.parameters
+    for kind in dict.fromkeys(item.kind for item in (*in_weights, *suboptimal)):
         owners = dict[str, list[str]]()
         for item in in_weights:
             if item.kind == kind:
@@ -266,16 +266,16 @@ def _better_known(fit: PlannedFit, target: int) -> Iterator[Improvement]:
             sources = [source for source in arc.sources if source.source == kind]
             yield Improvement(f"{kind} known", arc.radius_95_without_m(*sources))
             continue
-        improvement = known(kind, [name for names in owners.values() for name in names])
+        improvement = without_error(kind, [name for names in owners.values() for name in names])
         yield improvement if len(owners) == 1 else replace(improvement, change=f"{kind} known for all")
         for owner_name, names in owners.items() if len(owners) > 1 else ():
-            yield known(f"{kind} {owner_name}", names)
+            yield without_error(f"{kind} {owner_name}", names)
     for kind in dict.fromkeys(item.kind for item in parameters if item.role is Role.ESTIMATED):
         names = [item.name for item in parameters if item.kind == kind]
         if kind == "position":
             names = [name for name in names if name.startswith("position.height")]
         if names and kind != "state":
-            yield known("height" if kind == "position" else kind, names)
+            yield without_error("height" if kind == "position" else kind, names)
 
 
 def _more_stations(plan: _Plan, fit: PlannedFit, target: int) -> Iterator[Improvement]:
@@ -283,7 +283,7 @@ def _more_stations(plan: _Plan, fit: PlannedFit, target: int) -> Iterator[Improv
     scenario, catalogue = plan.study.simulation, plan.study.catalogue
     if scenario is None:
         return
-    asked = plan.study.candidates
+    candidates = plan.study.candidates
     taking_part = [
         catalogue.get(end)
         for session in scenario.schedule.sessions
@@ -295,21 +295,21 @@ def _more_stations(plan: _Plan, fit: PlannedFit, target: int) -> Iterator[Improv
     countries = {s.country for s in taking_part} - {""}
     # Antennas are asked for within their network only, telescopes also in their country: who has a time on one rarely
     # gets it on all.
-    near = [
+    names = [
         s.name
         for s in catalogue
         if s.kind == "llr" or s.complex in networks or (s.kind == "vlbi" and s.country in countries)
     ]
-    if asked is not None:
+    if candidates is not None:
         members = [
             (name,) if "<" in name or ">" in name else [s.name for s in catalogue.members(name)]
-            for name in asked
+            for name in candidates
         ]
-        near = [name for names in members for name in names]
-    for name in near:
-        what, sessions = _with_candidate(name, scenario, catalogue)
+        names = [name for group in members for name in group]
+    for name in names:
+        change, sessions = _with_candidate(name, scenario, catalogue)
         if sessions == list(scenario.schedule.sessions):
-            if asked is not None and name in asked:
+            if candidates is not None and name in candidates:
                 raise InputError(
                     f"[covariance] candidates: {name} adds nothing: it takes part already, or no session is of its kind"
                 )
@@ -317,7 +317,7 @@ def _more_stations(plan: _Plan, fit: PlannedFit, target: int) -> Iterator[Improv
         larger = replace(scenario, schedule=replace(scenario.schedule, sessions=sessions))
         larger_plan = _Plan.of(replace(plan.study, simulation=larger), like=plan)
         [part] = arc_parts(larger_plan.problem, [fit.part.hours])
-        yield Improvement(what, larger_plan.fit(part).planned(target).radius_95_m)
+        yield Improvement(change, larger_plan.fit(part).planned(target).radius_95_m)
 
 
 def _with_candidate(name: str, scenario: Scenario, catalogue: StationCatalogue) -> tuple[str, list[Session]]:
@@ -328,18 +328,18 @@ def _with_candidate(name: str, scenario: Scenario, catalogue: StationCatalogue) 
         link = Link.from_path(name)
         pair = (catalogue.get(link.stations[0]).name, catalogue.get(link.stations[-1]).name)
         added = [(pair,) if session.baseline == ("<" in name) else () for session in sessions]
-        what = f"link {name}"
+        change = f"link {name}"
     else:
         station = catalogue.get(name)
         for session in sessions:
             ends = dict.fromkeys(end for pair in session.pairs for end in pair if end)
-            known = {catalogue.get(end).name for end in ends}
-            fits = station.kind in {catalogue.get(end).kind for end in ends} and station.name not in known
+            present = {catalogue.get(end).name for end in ends}
+            fits = station.kind in {catalogue.get(end).kind for end in ends} and station.name not in present
             added.append(_pairs_with(station.name, session) if fits else ())
-        what = f"station {station.name}"
-    return what, [
-        replace(session, pairs=(*session.pairs, *(pair for pair in more if pair not in session.pairs)))
-        for session, more in zip(sessions, added, strict=True)
+        change = f"station {station.name}"
+    return change, [
+        replace(session, pairs=(*session.pairs, *(pair for pair in added_pairs if pair not in session.pairs)))
+        for session, added_pairs in zip(sessions, added, strict=True)
     ]
 
 
@@ -348,7 +348,7 @@ def _pairs_with(station: str, session: Session) -> tuple[Pair, ...]:
     senders = dict.fromkeys(first for first, _ in session.pairs)
     receivers = dict.fromkeys(second for _, second in session.pairs)
     if session.baseline:
-        return tuple((other, station) for other in {**senders, **receivers})
+        return tuple((partner, station) for partner in {**senders, **receivers})
     itself = any(first == second for first, second in session.pairs)
     pairs = [(station, station)] if itself else []
     if any(first != second for first, second in session.pairs):

@@ -119,7 +119,7 @@ class LinearTrials:
         noise_m, _ = self.draws.draw(seeds)
         count = sum(len(item.offset_m) for item in self.arcs[0].compared)
         out = np.full((len(seeds), len(self.arcs), count, len(self.columns)), np.nan)
-        drawn = [self.drawn.draw(one) for one in seeds]
+        drawn = [self.drawn.draw(value) for value in seeds]
         residual_m = self.constant_m + noise_m[:, self.rows]
         for k, errors in enumerate(drawn):
             residual_m[k] += errors @ self.drawn.partials
@@ -194,11 +194,11 @@ def rows_of(
     true: Mapping[str, float],
 ) -> list[_Floats]:
     """Return a row in the order of the columns for each place of comparison; errors (q, d), covariances (q, d, d)."""
-    known = {f"excess_noise_m.{kind}": value for kind, value in excess_noise_m.items()}
+    values = {f"excess_noise_m.{kind}": value for kind, value in excess_noise_m.items()}
     for name, (value, sigma) in parameters.items():
         # A bias of a pass is the station's.
         error = value - true.get(name, true.get(name.rpartition(" ")[0], 0.0))
-        known |= {name: value, f"{name}.sigma": sigma, f"{name}.error": error}
+        values |= {name: value, f"{name}.sigma": sigma, f"{name}.error": error}
     names, rows = base_columns(axes), []
     for error_m, covariance_m2 in zip(errors_m, covariances_m2, strict=True):
         sigma_m = np.sqrt(np.diag(covariance_m2))[:3]
@@ -208,6 +208,6 @@ def rows_of(
             nees = {n: error_m[:n] @ np.linalg.solve(covariance_m2[:n, :n], error_m[:n]) for n in nees}
         of_state = (nees[6],) if 6 in nees else ()
         base = (*outcome, *error_m[:3], *sigma_m, correlation, nees[3], nees[2], noise_scale, *of_state)
-        row = known | dict(zip(names, base, strict=True))
+        row = values | dict(zip(names, base, strict=True))
         rows.append(np.array([float(row.get(column, np.nan)) for column in columns]))
     return rows

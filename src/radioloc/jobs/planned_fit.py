@@ -129,18 +129,18 @@ class PlannedFit:
             missing = assess_observability(fit).describe()[:1]
             return PlannedArc(part.hours, part.span_h, count, (), missing, axes)
         covariance = np.where(np.isfinite(fit.covariance), fit.covariance, 0.0)
-        outside = None if self.suboptimal is None else sensitivity(fit, self.suboptimal)
-        state = self._state(target, covariance, outside) if axes == ALONG_ACROSS_RADIAL else None
+        by_suboptimal = None if self.suboptimal is None else sensitivity(fit, self.suboptimal)
+        state = self._state(target, covariance, by_suboptimal) if axes == ALONG_ACROSS_RADIAL else None
         sources = error_budget(
             self.parameters,
             partials,
             partials @ covariance @ np.swapaxes(partials, -1, -2),
             prior_effects(fit),
-            outside,
+            by_suboptimal,
             np.zeros(3)
             if part.problem.estimate is None
             else np.array(part.problem.estimate.ephemeris_sigma_m),
-            0.0 if outside is None else self._direct_effects_m(target, state, outside),
+            0.0 if by_suboptimal is None else self._direct_effects_m(target, state, by_suboptimal),
         )
         planned = PlannedArc(part.hours, part.span_h, count, sources, (), axes, state)
         if state is None:
@@ -162,12 +162,12 @@ class PlannedFit:
             partials[..., count:] = along_across_radial(orbit, self._epochs, of_process)[:, :3]
         return partials
 
-    def _state(self, target: int, covariance: Floats, outside: Consider | None) -> OrbitState:
+    def _state(self, target: int, covariance: Floats, by_suboptimal: Consider | None) -> OrbitState:
         """Return the state of an orbit with its total covariance and that of the process noise."""
         model = self.part.problem.model
         x, count = model.parameters.prior_values, len(model.parameters)
-        total = covariance if outside is None else covariance + outside.covariance
-        state = orbit_states(model, x, total, outside, self.orbits)[target]
+        total = covariance if by_suboptimal is None else covariance + by_suboptimal.covariance
+        state = orbit_states(model, x, total, by_suboptimal, self.orbits)[target]
         if self.process is None:
             return state
         columns = model.columns_of(target)
@@ -178,13 +178,15 @@ class PlannedFit:
             state, process=self.process.estimate(onto @ covariance[np.ix_(chosen, chosen)] @ onto.T)
         )
 
-    def _direct_effects_m(self, target: int, state: OrbitState | None, outside: Consider) -> Floats | float:
+    def _direct_effects_m(
+        self, target: int, state: OrbitState | None, by_suboptimal: Consider
+    ) -> Floats | float:
         """Return the effects (q, 3, c) of errors that move the true orbit, and not only the estimate."""
         if state is None:
             return 0.0
-        effects = np.zeros((len(self._epochs), 3, len(outside.parameters)))
+        effects = np.zeros((len(self._epochs), 3, len(by_suboptimal.parameters)))
         model = self.part.problem.model
-        of_gravity = own_gravity_errors(outside.parameters, self.orbits, model, target)
+        of_gravity = own_gravity_errors(by_suboptimal.parameters, self.orbits, model, target)
         moved = (state.disturbed or state.orbit).effects(self._epochs)
         effects[..., of_gravity] = -along_across_radial(state.orbit, self._epochs, moved)[:, :3]
         return effects

@@ -257,17 +257,18 @@ class Prepared:
         if linear is None:
             return None
         suboptimal = problem.suboptimal_errors(model, x, orbits)
-        suboptimal_m, outside = np.zeros((len(rows), 0)), None
+        suboptimal_m, suboptimal_set = np.zeros((len(rows), 0)), None
         if suboptimal is not None:
-            outside = suboptimal.parameters
-            suboptimal_m = suboptimal.partials(rows) * outside.prior_sigmas
+            suboptimal_set = suboptimal.parameters
+            suboptimal_m = suboptimal.partials(rows) * suboptimal_set.prior_sigmas
         return LinearArc(
             part=part.rows,
             problem=linear,
             parameters=parameters,
             held_m=held_m,
             compared=tuple(
-                target.compared(part, x, orbits, self.world.drawn.names, outside) for target in self.targets
+                target.compared(part, x, orbits, self.world.drawn.names, suboptimal_set)
+                for target in self.targets
             ),
             noise=noise,
             status=Labels((~usable).astype(np.int32), (USED, "not usable")),

@@ -255,7 +255,7 @@ def test_where_the_linear_model_is_off_all_is_fitted_in_full(study, ready, monke
     assert not result.linear
     assert not result.linearity.passed
     np.testing.assert_array_equal(result.values, ready.run(5, range(3)))
-    assert "every trial fitted in full: the linear model is off by up to" in str(result)
+    assert "every trial fitted in full, as the linear model differs by up to" in str(result)
 
 
 def test_where_not_everything_is_determined_all_is_fitted_in_full():

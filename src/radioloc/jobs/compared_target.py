@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,14 +56,15 @@ class ComparedTarget:
             return [np.nan]
         return (self.epochs(part).seconds_since(self._true_orbit.epoch) / 3600.0).tolist()
 
-    def true_parameters(self, x: _Floats) -> _Floats:
-        """Return the parameters on which the motion depends, those of the target itself at their true values."""
+    @property
+    def true_motion(self) -> _Floats:
+        """True position, m, or parameters of the orbit with the true state."""
         if self.orbit is None:
-            return self.target.solved(self.truth.position_pa_m, x)
+            return self.truth.position_pa_m
         assert self.target.orbit is not None
         values = np.array(list(self.target.orbit.values.values()))
         values[:6] = self.orbit.state
-        return self.target.solved(values, x)
+        return values
 
     def errors_m(
         self, part: ArcPart, solution: Solution, x: _Floats, drawn: _Floats, names: Sequence[str]
@@ -128,10 +129,8 @@ class ComparedTarget:
             direct = along_across_radial(estimate, tdb, orbits[self.index].effects(tdb))
             by_considered[..., of_gravity] = -direct  # it is the truth that they move
         difference = np.hstack(truth.states(tdb)) - np.hstack(estimate.states(tdb))
-        over_plan = replace(
-            model,
-            targets=tuple(self.target if k == self.index else item for k, item in enumerate(model.targets)),
-        )
+        assert self.target.orbit is not None
+        over_plan = model.with_orbit(self.target.orbit, self.index)
         return Compared(
             axes=self.axes,
             by_parameters=over_plan.local_partials(x, tdb, self.index)[..., :reported],
@@ -166,5 +165,5 @@ def true_parameters(problem: EstimationProblem, targets: Sequence[ComparedTarget
     x = model.parameters.prior_values.copy()
     for item in targets:
         columns = model.columns_of(item.index)
-        x[columns] = replace(item, target=model.targets[item.index]).true_parameters(x[columns])
+        x[columns] = model.targets[item.index].solved(item.true_motion, x[columns])
     return x

@@ -106,12 +106,8 @@ def covariance(
         raise InputError(f"the 95 % radius to be reached is {reach_m!r} m; give a number above zero")
     plan = _Plan.of(study, observations)
     fits = [plan.fit(part) for part in plan.parts(hours)]
-    targets = fits[-1].part.problem.model.targets
-    first, *further = (
-        _study_of_target(plan, fits, k, reach_m)
-        for k, target in enumerate(targets)
-        if any(item.role is Role.ESTIMATED for item in target.parameters)
-    )
+    indices = fits[-1].part.problem.model.estimated_indices
+    first, *further = (_study_of_target(plan, fits, k, reach_m) for k in indices)
     return replace(first, others=tuple(further))
 
 

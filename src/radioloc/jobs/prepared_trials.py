@@ -118,9 +118,9 @@ class Prepared:
         study = replace(study, reference=None)
         parts = arc_parts(EstimationProblem.of(study, longest, study.estimate), reversed(hours))
         truths, targets = {item.name: item for item in world.targets}, []
-        for k, target in enumerate(parts[0].problem.model.targets):
-            if not any(item.role is Role.ESTIMATED for item in target.parameters):
-                continue
+        fitted = parts[0].problem.model
+        for k in fitted.estimated_indices:
+            target = fitted.targets[k]
             simulated = names[target.name if len(names) > 1 else next(iter(names))]
             record, true_orbit = scenario.targets[simulated], None
             if target.orbit is not None:

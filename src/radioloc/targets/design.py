@@ -16,7 +16,7 @@ from radioloc.measurements.combined_predictor import CombinedPrediction
 from radioloc.measurements.predictor import ROWS_AT_ONCE, Prediction, Predictor
 from radioloc.measurements.target_motion import Motions, OrbitMotion
 from radioloc.parameters.columns import Columns
-from radioloc.parameters.parameter import Parameter, ParameterSet
+from radioloc.parameters.parameter import Parameter, ParameterSet, Role
 from radioloc.parameters.rows import ObservationRows, middle_of
 from radioloc.targets.target import Target
 from radioloc.time import Epochs
@@ -67,6 +67,15 @@ class ObservationModel:
         return len(self.columns) - self.considered_kinds
 
     @property
+    def estimated_indices(self) -> list[int]:
+        """Indices of the targets of which a parameter is estimated."""
+        return [
+            k
+            for k, target in enumerate(self.targets)
+            if any(item.role is Role.ESTIMATED for item in target.parameters)
+        ]
+
+    @property
     def place_indices(self) -> list[int]:
         """Indices of the targets that are, or come to rest, at a place on the Moon."""
         return [k for k, target in enumerate(self.targets) if target.has_place]
@@ -92,14 +101,9 @@ class ObservationModel:
         k = self.orbit_index
         return None if k is None else self.targets[k].orbit_at(x[self.columns_of(k)])
 
-    @property
-    def of_orbit(self) -> bool:
-        """True if a target moves by forces."""
-        return bool(self.orbit_indices)
-
-    def with_orbit(self, orbit: AdjustableOrbit) -> ObservationModel:
-        """Return the model with another a-priori orbit of the same parameters for the first target that has one."""
-        targets, k = list(self.targets), self.orbit_indices[0]
+    def with_orbit(self, orbit: AdjustableOrbit, target: int | None = None) -> ObservationModel:
+        """Return the model with another a-priori orbit of a target, by default the first on an orbit."""
+        targets, k = list(self.targets), self.orbit_indices[0] if target is None else target
         targets[k] = targets[k].with_orbit(orbit)
         return replace(self, targets=tuple(targets))
 

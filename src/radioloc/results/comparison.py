@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, Protocol, TypeVar
 
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.estimation.combination import Agreement, JointEstimate
@@ -20,8 +20,7 @@ from radioloc.results.tables import (
     position_files,
 )
 
-MIN_CHANCE = 1e-3
-"""Significance level below which two solutions do not agree."""
+_SIGNIFICANCE_LEVEL = 1e-3  # one comparison of consistent solutions in a thousand is refused
 _MAX_NAMED_PAIRS = 3  # that are named one by one
 
 
@@ -59,13 +58,18 @@ class Comparison(Result):
 
     @property
     def consistent(self) -> bool:
-        """True if no difference is significant at 0.1 %, and all solutions converged."""
+        """True if no difference is significant at 0.1 % for all pairs together, and all solutions converged."""
         return self._agree and all(row.converged is not False for row in self.rows)
 
     @property
     def _agree(self) -> bool:
-        chances = [test.chance for test in (*self.agreements, self.joint) if test is not None]
-        return all(chance is None or chance >= MIN_CHANCE for chance in chances)
+        return not self._different and (
+            self.joint is None or self.joint.chance is None or self.joint.chance >= _SIGNIFICANCE_LEVEL
+        )
+
+    @property
+    def _different(self) -> list[Agreement]:
+        return significant_pairs(self.agreements)
 
     def to_dict(self) -> dict[str, Any]:
         """Return all numbers, in types that JSON has."""
@@ -117,11 +121,7 @@ class Comparison(Result):
 
     def _status(self) -> Iterator[str]:
         failed = [row.name for row in self.rows if row.converged is False]
-        different = [
-            f"{pair.one} and {pair.two}"
-            for pair in self.agreements
-            if pair.chance is not None and pair.chance < MIN_CHANCE
-        ]
+        different = [f"{pair.one} and {pair.two}" for pair in self._different]
         if failed:
             yield f"NOT CONVERGED: {', '.join(failed)}"
         if not (different or self._agree):
@@ -154,6 +154,22 @@ class Comparison(Result):
         yield f"chi2 {self.joint.chi2:.2f} with {plural(self.joint.dof, 'degree')} of freedom"
         for name, why in self.joint.left_out.items():
             yield f"{name} excluded: {why}"
+
+
+class _Pair(Protocol):
+    """Difference of two solutions with its probability, None without a test."""
+
+    @property
+    def chance(self) -> float | None: ...
+
+
+_AnyPair = TypeVar("_AnyPair", bound=_Pair)
+
+
+def significant_pairs(pairs: Iterable[_AnyPair]) -> list[_AnyPair]:
+    """Return the pairs that differ significantly, the level divided by the number of tested pairs (Bonferroni)."""
+    tested = [(pair.chance, pair) for pair in pairs if pair.chance is not None]
+    return [pair for chance, pair in tested if chance * len(tested) < _SIGNIFICANCE_LEVEL]
 
 
 def _agreement_text(chance: float, pair: Agreement) -> str:

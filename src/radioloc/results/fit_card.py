@@ -9,7 +9,7 @@ import numpy as np
 
 from radioloc.constants import SECONDS_PER_DAY
 from radioloc.estimation.consistency import Inconsistency
-from radioloc.estimation.statistics import Residuals
+from radioloc.estimation.statistics import Residuals, chi2_quantile
 from radioloc.labels import Labels
 from radioloc.measurements.link import Link
 from radioloc.results.cards import (
@@ -37,8 +37,8 @@ _MAX_LINK_ROWS = 12  # six baselines of four stations, and some links of ranges
 _MAX_REJECTED = 3
 _MAX_UNFOLDED, _MAX_PAGE_ROWS = 20, 300  # rows of rejected observations on a page
 _MAX_SERIES = 3
-_MIN_SPLIT_SIGMAS = 3.3
-"""Difference between the means of two links that is exceeded by chance in 1 of 1000 cases."""
+_SPLIT_SIGNIFICANCE_LEVEL = 1e-3  # for all pairs of links of a card together
+_ONE_SIGMA_PROBABILITY = 0.683
 _MIN_CORRELATION_FACTOR = 1.05
 _MIN_ADVISED_FACTOR = 3.0
 """Growth of the sigma above which correlated weights give a much better estimate."""
@@ -67,12 +67,20 @@ def rejected_detail(solution: Solution) -> Detail:
 
 
 def inconsistent(solution: Solution, *, strongly: bool) -> Iterator[Inconsistency]:
-    """Yield the inconsistencies that move the position by more than its sigma, or all others."""
+    """Yield the inconsistencies that move the position out of its 68 % ellipsoid, or all others."""
     for item in solution.consistency.found:
-        shift = item.shift_enu_m  # None for a moving target
-        moves = shift is not None and math.hypot(*shift) > float(np.linalg.norm(solution.sigma_enu_m()))
-        if strongly == moves:
+        if strongly == _leaves_ellipsoid(solution, item.shift_enu_m):
             yield item
+
+
+def _leaves_ellipsoid(solution: Solution, shift_enu_m: tuple[float, float, float] | None) -> bool:
+    """Return whether a shift, None for a moving target, leaves the 68 % ellipsoid of a determined position."""
+    if shift_enu_m is None or not solution.position_determined:
+        return False
+    shift_m, covariance_m2 = np.array(shift_enu_m), solution.position_covariance()
+    dof = int(np.linalg.matrix_rank(covariance_m2, hermitian=True))  # of a fixed direction there is no error
+    chi2 = float(shift_m @ np.linalg.pinv(covariance_m2, hermitian=True) @ shift_m)
+    return dof > 0 and chi2 > chi2_quantile(_ONE_SIGMA_PROBABILITY, dof)
 
 
 def _data(solution: Solution) -> Iterator[str]:
@@ -187,6 +195,7 @@ def _disagreeing_ranges(solution: Solution) -> Iterator[str]:
     independent = {}
     if solution.time_correlation is not None:
         independent = {item.name: max(item.effective_count, 1.0) for item in solution.time_correlation.series}
+    residuals, used = solution.residuals, solution.residuals.used
     of_station: dict[str, list[tuple[str, float, float]]] = {}
     for group in solution.fit.by_path:
         kind, _, path = group.label.partition(" ")
@@ -194,13 +203,17 @@ def _disagreeing_ranges(solution: Solution) -> Iterator[str]:
             continue
         link = Link.from_path(path)
         way = "two-way" if link.transmitter == link.receiver else f"from {link.transmitter}"
-        variance_m2 = max(group.rms_m**2 - group.mean_m**2, 0.0) / independent.get(group.label, group.used)
+        # The scatter of few residuals is smaller than their sigmas.
+        members = used & residuals.types.are(kind) & residuals.paths.are(path)
+        scatter_m2 = max(group.rms_m**2 - group.mean_m**2, np.square(residuals.sigma_m[members]).mean())
+        variance_m2 = scatter_m2 / independent.get(group.label, group.used)
         of_station.setdefault(link.receiver, []).append((way, group.mean_m, variance_m2))
+    pair_count = sum(math.comb(len(means), 2) for means in of_station.values())
     for station, means in of_station.items():
         way_1, mean_1, variance_1 = min(means, key=lambda item: item[1])
         way_2, mean_2, variance_2 = max(means, key=lambda item: item[1])
-        sigmas = (mean_2 - mean_1) / max(math.sqrt(variance_1 + variance_2), 1e-9)
-        if sigmas > _MIN_SPLIT_SIGMAS:
+        sigmas = (mean_2 - mean_1) / math.sqrt(variance_1 + variance_2)
+        if len(means) > 1 and pair_count * math.erfc(sigmas / math.sqrt(2.0)) < _SPLIT_SIGNIFICANCE_LEVEL:
             yield (
                 f"ranges of {station}, {way_1} {signed_metres(mean_1)} m and {way_2} {signed_metres(mean_2)} m, "
                 f'disagree by {sigmas:.1f} sigmas: [estimate] clock = "all" or range_bias_per = "link" absorbs it'

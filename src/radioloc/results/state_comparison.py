@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from radioloc.results.cards import Card, Field, signed_metres
-from radioloc.results.comparison import MIN_CHANCE
+from radioloc.results.comparison import significant_pairs
 from radioloc.results.result import Content, Result, Table
 from radioloc.vectors import rtn_axes
 
@@ -65,8 +65,8 @@ class StateComparison(Result):
 
     @property
     def consistent(self) -> bool:
-        """True if no difference is less likely than one in a thousand."""
-        return all(pair.chance is None or pair.chance >= MIN_CHANCE for pair in self.pairs)
+        """True if no difference is significant at 0.1 % for all pairs together."""
+        return not significant_pairs(self.pairs)
 
     def to_dict(self) -> dict[str, Any]:
         """Return all numbers, in types that JSON has."""
@@ -96,11 +96,7 @@ class StateComparison(Result):
 
     def _status(self) -> Iterator[str]:
         failed = [name for name, converged in self.solutions.items() if not converged]
-        different = [
-            f"{pair.first} and {pair.second}"
-            for pair in self.pairs
-            if pair.chance is not None and pair.chance < MIN_CHANCE
-        ]
+        different = [f"{pair.first} and {pair.second}" for pair in significant_pairs(self.pairs)]
         if failed:
             yield f"NOT CONVERGED: {', '.join(failed)}"
         if different:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.estimation.combination import Agreement, PositionEstimate, agreement
-from radioloc.estimation.statistics import finite_or_none
+from radioloc.estimation.statistics import chi2_quantile, finite_or_none
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.link import Link
 from radioloc.parameters.parameter import Parameter
@@ -57,8 +58,7 @@ _MAX_ARC_COLUMNS = 2  # arcs side by side within the width of a terminal
 _MAX_PARAMETERS = 12  # a card fits a screen; to_dict() has all of them
 _MIN_FILLED_FRACTION = 0.95
 """Least part of an arc that its data cover, with the time between two observations as tolerance."""
-_MAX_CHANCE_SIGMAS = {2: 3.72, 3: 4.03, 6: 4.74}
-"""Bound of the differences of two, three and six coordinates in 99.9 % of cases, in sigmas."""
+_NO_FALSE_ALARM_PROBABILITY = 0.999  # that none of the differences in a table exceeds the bound by chance
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -424,6 +424,11 @@ def _observable(study: ArcStudy) -> Iterator[str]:
     yield from sigma_levels(arc.solution for arc in study.arcs)
 
 
+def _max_chance_sigmas(dof: int, count: int) -> float:
+    """Bound in sigmas of the largest of some differences of `dof` coordinates (Sidak correction)."""
+    return math.sqrt(chi2_quantile(_NO_FALSE_ALARM_PROBABILITY ** (1.0 / max(count, 1)), dof))
+
+
 def _notes(study: ArcStudy, rows: tuple[PositionRow, ...]) -> Iterator[str]:
     for arc in study.arcs:
         if arc.solution.message:
@@ -431,18 +436,24 @@ def _notes(study: ArcStudy, rows: tuple[PositionRow, ...]) -> Iterator[str]:
     for arc in study.arcs:
         if arc.span_h < _MIN_FILLED_FRACTION * arc.hours:
             yield f"the arc of {arc.name} is longer than its data, which end after {arc.span_h:.2f} h"
-    for row in rows:
-        if row.from_longest_sigmas is not None and row.from_longest_sigmas > _MAX_CHANCE_SIGMAS[2]:
+    differences = [(row.from_longest_sigmas, row) for row in rows if row.from_longest_sigmas is not None]
+    limit = _max_chance_sigmas(2, len(differences))
+    for sigmas, row in differences:
+        if sigmas > limit:
             yield (
                 f"{row.name} and {study.arcs[0].name} are {row.from_longest_m:.1f} m apart, "
-                f"{row.from_longest_sigmas:.1f} sigmas of that difference (99.9 % are below {_MAX_CHANCE_SIGMAS[2]}): "
+                f"{sigmas:.1f} sigmas of that difference (99.9 % are below {limit:.2f}): "
                 "the sigmas are too small, as errors of the data are correlated or the model is incomplete"
             )
-    for state in study.states:
-        if state.from_longest_sigmas is not None and state.from_longest_sigmas > _MAX_CHANCE_SIGMAS[6]:
+    states = [
+        (state.from_longest_sigmas, state) for state in study.states if state.from_longest_sigmas is not None
+    ]
+    limit = _max_chance_sigmas(6, len(states))
+    for sigmas, state in states:
+        if sigmas > limit:
             yield (
                 f"states of {state.target or 'the orbiter'} from {state.name} and {study.arcs[0].name} differ by "
-                f"{state.from_longest_sigmas:.1f} sigmas (99.9 % are below {_MAX_CHANCE_SIGMAS[6]}): the sigmas are "
+                f"{sigmas:.1f} sigmas (99.9 % are below {limit:.2f}): the sigmas are "
                 "too small, as errors of the data are correlated or the model is incomplete"
             )
     # Notes are those of the longest arc; the counts of observations differ from arc to arc.
@@ -601,9 +612,10 @@ class LeaveOneOut(Result):
         return f"{row.label}, {', '.join(Link.from_path(row.name).targets)}" if several else row.label
 
     def _notes(self) -> Iterator[str]:
+        counts = Counter(row.quantity for row in self.omissions if row.sigmas is not None)
         for row in self.omissions:
             quantity = f"{row.quantity}{f' of {row.target}' if row.target else ''}"
-            limit = _MAX_CHANCE_SIGMAS[6 if row.quantity == "state" else 3]
+            limit = _max_chance_sigmas(6 if row.quantity == "state" else 3, counts[row.quantity])
             if row.shift_m is None:
                 yield f"without {self._label(row)} the {quantity} is not determined"
             elif not row.converged:
@@ -611,7 +623,7 @@ class LeaveOneOut(Result):
             elif row.sigmas is not None and row.sigmas > limit:
                 yield (
                     f"without {self._label(row)} the {quantity} moves by {math.hypot(*row.shift_m):.3g} m, "
-                    f"{row.sigmas:.1f} sigmas of that shift (99.9 % are below {limit}): its "
+                    f"{row.sigmas:.1f} sigmas of that shift (99.9 % are below {limit:.2f}): its "
                     "observations are inconsistent with the others, or the sigmas are too small"
                 )
         yield from sigma_levels([self.solution])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -10,7 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from radioloc.errors import InputError
-from radioloc.labels import USED, Labels
+from radioloc.labels import USED, Labels, changed
+from radioloc.parameters.columns import PASS_GAP_H
 from radioloc.tables import TableForm, as_table
 from radioloc.text_files import finite_or_none
 from radioloc.time import Epochs, utc_strings
@@ -22,6 +24,8 @@ SCALING_PROBABILITY = 0.999
 fit of a thousand."""
 
 
+_FIGURES = re.compile(r"[:(].*| of -?\d+ cycles?")
+_MAX_EXAMPLES = 3  # of the rejected observations of one link, reason and pass
 _MAD_TO_SIGMA = 1.4826  # median absolute deviation of a normal distribution to its standard deviation
 
 
@@ -111,6 +115,12 @@ class Residuals:
         return self.statuses.are(USED)
 
     @property
+    def reasons(self) -> Labels:
+        """:attr:`statuses` without the figures of single observations, such as elevations."""
+        texts = [_FIGURES.sub("", text).rstrip() for text in self.statuses.texts]
+        return Labels.coded(texts, self.statuses.codes)
+
+    @property
     def computed_m(self) -> Floats:
         """Computed values, m, shape (n,)."""
         return self.observed_m - self.residual_m
@@ -137,18 +147,34 @@ class Residuals:
         return tuple(self.statistics(label, labels.are(label)) for label in labels.present())
 
     def rejected(self) -> list[dict[str, Any]]:
-        """Return rejected observations with their reasons, for JSON."""
-        out = np.flatnonzero(~self.used)
-        if not len(out):
-            return []
+        """Return the rejected observations by link, reason and pass, with the largest of each, for JSON."""
+        reasons, out = self.reasons, np.flatnonzero(~self.used)
+        epoch_h = 24.0 * (self.epoch_utc[out].jd + self.epoch_utc[out].fraction)
+        order = np.lexsort((epoch_h, reasons.codes[out], self.paths.codes[out]))
+        out, epoch_h = out[order], epoch_h[order]
+        new = changed(np.column_stack([self.paths.codes[out], reasons.codes[out]]))
+        new[1:] |= np.diff(epoch_h) > PASS_GAP_H
+        return [self._group(rows, reasons) for rows in np.split(out, np.flatnonzero(new)[1:]) if len(rows)]
+
+    def _group(self, rows: NDArray[np.intp], reasons: Labels) -> dict[str, Any]:
+        """Return rejected observations of one link, reason and pass for JSON."""
+        size = np.abs(self.residual_m[rows] / self.sigma_m[rows])
+        largest = rows[np.argsort(-size, kind="stable")[:_MAX_EXAMPLES]]
         columns = {
-            "epoch_utc": utc_strings(self.epoch_utc[out], decimals=3).tolist(),
-            "station": self.stations[out].tolist(),
-            "path": self.paths[out].tolist(),
-            "residual_m": [finite_or_none(value) for value in self.residual_m[out]],
-            "reason": self.statuses[out].tolist(),
+            "epoch_utc": utc_strings(self.epoch_utc[largest], decimals=3).tolist(),
+            "residual_m": [finite_or_none(value) for value in self.residual_m[largest]],
+            "reason": self.statuses[largest].tolist(),
         }
-        return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+        first, last = utc_strings(self.epoch_utc[rows[[0, -1]]], decimals=3).tolist()
+        return {
+            "path": str(self.paths[rows[0]]),
+            "station": str(self.stations[rows[0]]),
+            "reason": str(reasons[rows[0]]),
+            "count": len(rows),
+            "first_utc": first,
+            "last_utc": last,
+            "largest": [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)],
+        }
 
     def to_table(self, form: TableForm = "astropy") -> Any:
         """All columns as a ``QTable`` of astropy, with units and ``Time``, or a ``DataFrame`` of pandas."""

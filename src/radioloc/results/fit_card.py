@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator
 
 import numpy as np
+from numpy.typing import NDArray
 
 from radioloc.constants import SECONDS_PER_DAY
 from radioloc.estimation.consistency import Inconsistency
@@ -59,7 +60,11 @@ def fit_fields(solution: Solution) -> Iterator[Field]:
 
 def rejected_detail(solution: Solution) -> Detail:
     """Return the rejected observations as a table."""
-    rows, count = rejected_rows(solution)[:_MAX_PAGE_ROWS], solution.fit.total.rejected
+    residuals, count = solution.residuals, solution.fit.total.rejected
+    order = _rejected(solution)[:_MAX_PAGE_ROWS]
+    sizes = (f"{value:.4g}" for value in residuals.residual_m[order])
+    epochs = utc_strings(residuals.epoch_utc[order], decimals=0)
+    rows = list(zip(epochs, _links(residuals)[order], sizes, residuals.statuses[order], strict=True))
     heading = ("UTC", "link", "residual, m", "reason")
     title = f"{len(rows)} of {count}" if count > len(rows) else "All"
     table = Field("", (), heading, rows)
@@ -221,26 +226,30 @@ def _disagreeing_ranges(solution: Solution) -> Iterator[str]:
 
 
 def _largest_rejected(solution: Solution) -> Iterator[str]:
-    """Yield the largest outliers; counts with one fault, such as those before the lock, in one line."""
-    rows = rejected_rows(solution)
-    epochs_of: dict[tuple[str, str], list[str]] = {}
-    for epoch, name, _, reason in rows:
-        epochs_of.setdefault((name, reason), []).append(epoch)
+    """Yield the rejected observations: each of a few, otherwise those of a link with one reason in one line."""
+    rows, order = solution.residuals, _rejected(solution)
+    links, reasons = _links(rows), rows.reasons
+    faults = links.codes[order] * len(reasons.texts) + reasons.codes[order]
+    if len(order) <= _MAX_REJECTED:
+        faults = np.arange(len(order))
+    _, first, fault = np.unique(faults, return_index=True, return_inverse=True)
     shown = 0
-    for (name, reason), epochs in list(epochs_of.items())[:_MAX_REJECTED]:
-        shown += len(epochs)
-        times = f"{min(epochs)} and {len(epochs) - 1} later" if len(epochs) > 1 else epochs[0]
-        yield f"{times} {name}: {reason}"
-    yield from more(len(rows), shown)
+    for index in np.argsort(first)[:_MAX_REJECTED].tolist():
+        members = order[fault == index]
+        first_row = members[np.lexsort((rows.epoch_utc.fraction[members], rows.epoch_utc.jd[members]))[:1]]
+        times, reason = utc_strings(rows.epoch_utc[first_row], decimals=0)[0], rows.statuses[members[0]]
+        if len(members) > 1:
+            times += f" and {len(members) - 1} later"
+            figures = reason.partition(": ")[2]
+            reason = f"{reasons[members[0]]}, the largest: {figures}" if figures else reasons[members[0]]
+        yield f"{times} {links[members[0]]}: {reason}"
+        shown += len(members)
+    yield from more(len(order), shown)
 
 
-def rejected_rows(solution: Solution) -> list[tuple[str, ...]]:
-    """Return epoch, link, residual (m) and reason of the rejected observations, the largest residuals first."""
+def _rejected(solution: Solution) -> NDArray[np.intp]:
+    """Rows of the rejected observations, the largest residuals first."""
     rows = solution.residuals
     rejected = np.flatnonzero(~rows.used)
     size = np.abs(rows.residual_m[rejected] / rows.sigma_m[rejected])
-    rejected = rejected[np.argsort(-size, kind="stable")]
-    residuals = (f"{value:.4g}" for value in rows.residual_m[rejected])
-    epochs = utc_strings(rows.epoch_utc[rejected], decimals=0)
-    columns = epochs, _links(rows)[rejected], residuals, rows.statuses[rejected]
-    return list(zip(*columns, strict=True))
+    return rejected[np.argsort(-size, kind="stable")]

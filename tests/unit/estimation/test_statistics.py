@@ -73,3 +73,23 @@ def test_groups_are_sorted_and_complete():
         ("B", 1, 1),
         ("C", 1, 0),
     ]
+
+
+def test_rejected_observations_are_counted_by_reason_and_pass():
+    n = 4000
+    hour = np.where(np.arange(n) < n // 2, 0.0, 12.0) + np.arange(n) / n
+    elevation = [f"below the horizon ({-k / n:.3f} deg)" for k in range(n - 1)]
+    labels = Labels.of(["KASHI>lander>KASHI"] * n)
+    residual_m = np.arange(n) * 1.0
+    rows = Residuals(
+        Epochs.from_jd(2459185.5, hour / 24.0, "UTC"),
+        *(labels,) * 3,
+        *(np.zeros(n), residual_m, np.ones(n)),
+        Labels.of([*elevation, "outlier: 9 m is 9 times its expected 1 m"]),
+    )
+    first, second, outlier = rows.rejected()
+    assert [group["count"] for group in (first, second, outlier)] == [n // 2, n // 2 - 1, 1]
+    assert first["reason"] == second["reason"] == "below the horizon"
+    assert first["last_utc"] < second["first_utc"]
+    assert [item["residual_m"] for item in first["largest"]] == [n / 2 - 1.0, n / 2 - 2.0, n / 2 - 3.0]
+    assert outlier["largest"][0]["reason"].startswith("outlier: 9 m")

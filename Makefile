@@ -13,7 +13,7 @@ SMOKE := tests/unit/test_package.py tests/unit/test_cli.py tests/unit/test_reade
 	tests/unit/kernels tests/unit/lunar/test_terrain_files.py tests/unit/jobs/test_trajectory_study.py \
 	tests/unit/jobs/test_monte_carlo.py tests/unit/results tests/unit/report
 
-.PHONY: demo test test-studies test-all fuzz coverage test-uncompiled test-lowest package audit lint docs notebooks bench scaling clean
+.PHONY: demo test test-studies test-all fuzz coverage test-uncompiled test-lowest package audit lint docs notebooks bench calibration scaling clean
 
 $(VENV)/.installed-demo: pyproject.toml
 	$(PYTHON) -m venv $(VENV)
@@ -90,6 +90,10 @@ docs: $(VENV)/.installed-dev  ## The documentation as a site, out/docs/index.htm
 
 bench: $(VENV)/.installed-bench  ## Ratios against what else there is, off by default.
 	$(BIN)/python -m pytest tests/benchmarks --benchmark-only
+
+DRAWS ?= 300
+calibration: $(VENV)/.installed-dev  ## Draw known truths in all kinds of tracking, and hold stated sigmas against their errors: table and figure in out/calibration.
+	PYTHONPATH=tests/support $(BIN)/python tests/support/calibration.py --draws $(DRAWS) $(if $(CELL),--cell "$(CELL)")
 
 scaling: $(VENV)/.installed-dev  ## Time and memory from a thousand to ten million observations, as docs/images/scaling.png.
 	$(BIN)/python tests/benchmarks/scaling.py docs/images/scaling.png

@@ -2,28 +2,25 @@
 
 A cell is a kind of data, a length of arc and a kind of noise or of difference from the model of the fit. Tracking of
 the Chang'e-5 lander, one point in five minutes, is simulated and fitted by the trials of a Monte Carlo study, which are
-the fits of `locate`. As a script, with a file and numbers of trials and of processes, it draws and prints all cells.
+the fits of `locate`.
 """
 
-import sys
 import zlib
-from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
+from calibration import CHUNK_DRAWS, LEVELS, Cell, Draws
 from change5_case import LANDER, NEAR, RANGING, START, VLBI
 from scipy.stats import binom, chi2
 from threadpoolctl import threadpool_limits
+from tracking_cells import drawing, matched_trials
 
 from radioloc import Study
-from radioloc.jobs.compared_target import true_parameters
-from radioloc.jobs.linear_trials import LinearArc, LinearTrials
-from radioloc.jobs.prepared_trials import Prepared
+from radioloc.jobs.linear_trials import LinearTrials
 from radioloc.labels import USED
 from radioloc.parameters.considered import considered_choices
-from radioloc.parameters.parameter import ParameterSet
 from radioloc.simulation import (
     Masks,
     Noise,
@@ -41,10 +38,9 @@ from radioloc.simulation.truth import DrawnErrors
 from radioloc.study import EstimateChoice, HeightPrior, ModelChoice
 
 HOURS = (48.0, 24.0, 12.0)
-LEVELS = (0.68, 0.95)
 SIDES = ("east", "north", "up")
-CHUNK_TRIALS = 25
 DATA = ("ranges", "delays", "both")
+NAMES = {"ranges": "ranges", "delays": "VLBI", "both": "ranges and VLBI"}
 STEP_S, STOP = 300.0, "2020-12-03T15:10:00"
 RANGE_M, DELAY_M, BIAS_M, HEIGHT_M = 2.0, 0.4, 10.0, 5.0
 SURVEYED_M = {"JIAMUSI": 0.1, "KASHI": 0.1, "NEUQUEN": 0.1, "MIYUN50": 0.05}
@@ -104,33 +100,7 @@ def prepared(data: str, hours: float) -> tuple[Plan, LinearTrials]:
         consider=considered_choices({"station_position_sigma_m": surveyed}),
         simulation=Scenario(Schedule(sessions, masks), LANDER, truth_sigma=truth_sigma),
     )
-    ready = Prepared.of(study, (hours,))
-    linear = ready.linear()
-    assert linear is not None
-    problem = ready.parts[0].problem
-    errors = ParameterSet(problem.model.parameters.parameters[problem.reported_count :])
-    partials = problem.model.linearize(true_parameters(problem, ready.targets)).partials(
-        np.arange(len(ready.rows))
-    )
-    lot = linear.drawn
-    drawn = DrawnErrors(
-        (*lot.names, *errors.names),
-        np.concatenate([lot.sigmas, errors.prior_sigmas]),
-        np.concatenate([lot.partials, partials[:, problem.reported_count :].T]),
-    )
-    return ready.world.plan, drawing(linear, drawn)
-
-
-def drawing(linear: LinearTrials, drawn: DrawnErrors) -> LinearTrials:
-    """Append drawn errors that do not shift the true position."""
-    count = len(drawn.names) - len(linear.drawn.names)
-
-    def padded(arc: LinearArc) -> LinearArc:
-        [compared] = arc.compared
-        by_drawn = np.pad(compared.by_drawn, ((0, 0), (0, 0), (0, count)))
-        return replace(arc, compared=(replace(compared, by_drawn=by_drawn),))
-
-    return replace(linear, drawn=drawn, arcs=tuple(map(padded, linear.arcs)))
+    return matched_trials(study, hours)
 
 
 def noisy_station(plan: Plan, linear: LinearTrials) -> LinearTrials:
@@ -149,12 +119,12 @@ def drifting_air(plan: Plan, linear: LinearTrials) -> LinearTrials:
     """Add linear drifts to zenith delays, which the fit considers as constant in a pass."""
     drawn, time_s = linear.drawn, linear.arcs[0].order.time_s
     names, partials = [], []
-    for name, partial in zip(drawn.names, drawn.partials, strict=True):
+    for name, by_delay in zip(drawn.names, drawn.partials, strict=True):
         if name.startswith("zenith_delay."):
-            rows = np.flatnonzero(partial)
+            rows = np.flatnonzero(by_delay)
             middle_s, half_s = 0.5 * (time_s[rows].max() + time_s[rows].min()), 0.5 * np.ptp(time_s[rows])
             names.append(name + DRIFT)
-            partials.append(partial * (time_s - middle_s) / half_s)
+            partials.append(by_delay * (time_s - middle_s) / half_s)
     sigmas = np.concatenate([drawn.sigmas, np.full(len(names), DRIFT_M)])
     extended = DrawnErrors((*drawn.names, *names), sigmas, np.concatenate([drawn.partials, partials]))
     return with_noise(WHITE)(plan, drawing(linear, extended))
@@ -193,13 +163,12 @@ CELLS.sort(key=lambda cell: (list(WORLDS).index(cell[0]), DATA.index(cell[1]), c
 CELLS += [(world, data, 12.0) for world in UNCOVERED for data in DATA]
 
 
-def held(data: str, hours: float, world: str, trials: int) -> dict[tuple[str, float], int]:
-    """Count the trials with the truth in regions, by region and level; each cell has independent draws."""
+def squares(data: str, hours: float, world: str, numbers: Sequence[int]) -> dict[tuple[str, int], np.ndarray]:
+    """Return normalized errors squared of trials by region and its dimension; each cell has independent draws."""
     seed = zlib.crc32(f"{data} {hours} {world}".encode())
-    linear = WORLDS[world](*prepared(data, hours))
-    chunks = [range(k, min(k + CHUNK_TRIALS, trials)) for k in range(0, trials, CHUNK_TRIALS)]
+    linear = drawn_in(world, data, hours)
     with threadpool_limits(1):
-        values = np.concatenate([linear.run(seed, chunk) for chunk in chunks])[:, 0]
+        values = linear.run(seed, numbers)[:, 0]
     columns = dict(zip(linear.columns, values.T, strict=True))
     assert columns["converged"].all()
     error_m = np.stack([columns[f"{side}_m"] for side in SIDES], axis=1)
@@ -209,13 +178,45 @@ def held(data: str, hours: float, world: str, trials: int) -> dict[tuple[str, fl
         :, None
     ]
     horizontal_m = np.linalg.solve(covariance_m2[:, :2, :2], error_m[:, :2, None])[..., 0]
-    squares = {
+    return {
         ("horizontal", 2): (error_m[:, :2] * horizontal_m).sum(axis=1),
         ("height", 1): error_m[:, 2] ** 2 / covariance_m2[:, 2, 2],
     }
+
+
+@cache
+def drawn_in(world: str, data: str, hours: float) -> LinearTrials:
+    """Return the trials of a cell."""
+    return WORLDS[world](*prepared(data, hours))
+
+
+def horizontal(world: str, data: str, hours: float) -> Draws:
+    """Return the horizontal normalized errors squared of a cell by the numbers of draws."""
+    return lambda numbers: squares(data, hours, world, numbers)["horizontal", 2]
+
+
+def calibration_cells() -> list[Cell]:
+    """Return the cells of covered worlds."""
+    remarks = {"zenith delays drift": "covariance of the drift added"}
+    return [
+        Cell(
+            f"{NAMES[data]}, {world}, {hours:g} h",
+            partial(horizontal, world, data, hours),
+            2,
+            remarks.get(world, ""),
+        )
+        for world, data, hours in CELLS
+        if world not in UNCOVERED
+    ]
+
+
+def held(data: str, hours: float, world: str, trials: int) -> dict[tuple[str, float], int]:
+    """Count the trials with the truth in regions, by region and level."""
+    chunks = [range(k, min(k + CHUNK_DRAWS, trials)) for k in range(0, trials, CHUNK_DRAWS)]
+    drawn = [squares(data, hours, world, chunk) for chunk in chunks]
     return {
-        (region, level): int((square <= chi2.ppf(level, dof)).sum())
-        for (region, dof), square in squares.items()
+        (region, level): sum(int((part[region, dof] <= chi2.ppf(level, dof)).sum()) for part in drawn)
+        for region, dof in drawn[0]
         for level in LEVELS
     }
 
@@ -241,42 +242,3 @@ def bounds(trials: int, level: float, compared: int, chance: float = 0.01) -> tu
     """Return bounds of the counts of correct regions for a number of comparisons (Bonferroni)."""
     low, high = binom.ppf([0.5 * chance / compared, 1.0 - 0.5 * chance / compared], trials, level)
     return int(low), int(high)
-
-
-def draw(file: str, trials: int, processes: int) -> None:
-    """Draw fractions of all cells with their bounds, a panel for each region, and print them."""
-    import matplotlib.pyplot as plt
-
-    order = sorted(CELLS, key=lambda cell: cell[1:])  # groups cells of one plan
-    with ProcessPoolExecutor(processes) as pool:
-        results = pool.map(held, *zip(*[(d, h, w) for w, d, h in order], strict=True), [trials] * len(order))
-        of_cell = dict(zip(order, results, strict=True))
-    counts = [of_cell[cell] for cell in CELLS]
-    for cell, count in zip(CELLS, counts, strict=True):
-        print(*cell, *count.values(), sep=", ")
-    figure, panels = plt.subplots(2, 1, sharex=True, figsize=(14.0, 6.0), layout="constrained")
-    for panel, region in zip(panels, ("horizontal", "height"), strict=True):
-        for level, colour in zip(LEVELS, ("#3b6fb6", "#c2573a"), strict=True):
-            low, high = bounds(trials, level, 4 * len(CELLS))
-            panel.axhspan(100.0 * low / trials, 100.0 * high / trials, color=colour, alpha=0.12, lw=0)
-            panel.axhline(100.0 * level, color=colour, lw=0.8)
-            values = [100.0 * count[region, level] / trials for count in counts]
-            panel.plot(values, "o", ms=4, color=colour, label=f"claimed {100.0 * level:.0f} %")
-        panel.set(ylabel=f"{region}: truth inside, %", ylim=(25.0, 101.0), xlim=(-0.5, len(CELLS) - 0.5))
-    panels[0].legend(loc="lower left", ncols=2)
-    for depth, height, size, colour in ((2, 103.0, 6, "0.6"), (1, 118.0, 7, "0.2")):
-        groups = [cell[:depth] for cell in CELLS]
-        for name in dict.fromkeys(groups):
-            first, count = groups.index(name), groups.count(name)
-            middle, text = first + 0.5 * (count - 1), name[-1].replace(" ", "\n")
-            turned = 90 if depth == 2 else 0
-            panels[0].text(middle, height, text, ha="center", va="bottom", fontsize=size, rotation=turned)
-            for panel in panels:
-                panel.axvline(first - 0.5, color=colour, lw=0.6)
-    panels[1].set_xticks(range(len(CELLS)), [f"{hours:g}" for _, _, hours in CELLS], fontsize=7)
-    panels[1].set_xlabel(f"hours; {trials} draws in a cell, bands are the bounds of chance for all of them")
-    figure.savefig(file, dpi=90)
-
-
-if __name__ == "__main__":
-    draw(sys.argv[1], *map(int, sys.argv[2:]))

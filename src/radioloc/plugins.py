@@ -32,7 +32,7 @@ V = TypeVar("V")
 _REGISTRIES: list[Registry[Any]] = []
 _REGISTRY_MODULES = (
     *("media", "measurements.registry", "parameters.registry", "io.formats", "io.exporters"),
-    *("study.schema", "results.registry", "report.figure_types"),
+    *("targets.registry", "study.schema", "results.registry", "report.figure_types"),
 )
 """Modules with the registries of :func:`register`, which may not have been imported before."""
 
@@ -83,14 +83,14 @@ class Registry(Mapping[str, T]):
 
 
 def register(entry: Named) -> None:
-    """Add a medium, parameter, measurement type, reader, exporter, ... until Python ends.
+    """Add a medium, parameter, measurement type, target, reader, exporter, ... until Python ends.
 
     An entry of the same name that was registered earlier is replaced, so that a cell of a notebook can run twice.
     Packages name their entries in entry points instead (``docs/architecture.md``), which also serve several processes.
 
     Parameters
     ----------
-    entry : Medium, ParameterKind, MeasurementType, Reader, Exporter, StudyTable, ResultType or FigureType
+    entry : Medium, ParameterKind, MeasurementType, TargetKind, Reader, Exporter, StudyTable, ResultType or FigureType
         Entry with a ``name``. A medium is active at once; ``[model] off`` switches it off.
 
     Raises

@@ -204,7 +204,7 @@ def test_every_key_of_the_study_file(workspace):
         [shown[f"observations.{table}"]] = written["observations"][table]
     place = written["target"] | written["reference"]
     shown |= dict.fromkeys(("target", "reference", "references.NAME", "targets.NAME"), place)
-    excluded = {"trajectory", "body", "ionex", "vmf3_orography", "solution", "known_deg_m", "orbit"}
+    excluded = {"kind", "trajectory", "body", "ionex", "vmf3_orography", "solution", "known_deg_m", "orbit"}
     excluded |= {"dynamics", "epoch", "velocity_m_s", "altitude_m", "axes", *KEPLERIAN, *EQUINOCTIAL}
     for table in [key for key in keys if key.startswith(("forces", "estimate.orbit", "target.landing"))]:
         del keys[table]  # of an orbiter

@@ -171,6 +171,108 @@ def test_troposphere_of_the_how_to_replaces_the_built_in_one(restored_registries
         pass
 
 
+SLIDE = """
+[target]
+kind = "sliding_lander"
+longitude_deg = -51.92
+latitude_deg = 43.06
+height_m = -2500.0
+epoch = "2020-12-02T12:00:00"
+
+[observations]
+files = ["slide.csv"]
+
+[consider]
+defaults = false
+
+[simulation.position]
+longitude_deg = -51.9162
+latitude_deg = 43.0584
+velocity_m_s = [1e-3, -2e-3, 5e-4]
+
+[simulation.sessions.ranges]
+kind = "range"
+stations = ["KASHI", "JIAMUSI"]
+start = 2020-12-01T12:00:00
+stop = 2020-12-03T12:00:00
+step_s = 1800.0
+sigma_m = 0.1
+
+[simulation.noise]
+range = { white_m = 0.1 }
+"""
+NEES_LIMIT = 22.5
+"""Chi-square of six parameters that is exceeded once in a thousand."""
+
+
+@pytest.fixture
+def sliding(tmp_path, restored_registries, monkeypatch):
+    """Study of a target of another package, with simulated ranges."""
+    monkeypatch.syspath_prepend(PACKAGE)
+    from radioloc_toys.elevation_noise import ELEVATION_NOISE
+    from radioloc_toys.sliding_lander import SLIDING_LANDER
+
+    radioloc.register(SLIDING_LANDER)
+    radioloc.register(ELEVATION_NOISE)
+    path = tmp_path / "slide.toml"
+    path.write_text(SLIDE)
+    assert main(["simulate", str(path), "--out", str(tmp_path / "slide.csv"), "--quiet"]) == 0
+    return path
+
+
+@pytest.mark.study
+def test_target_of_another_package_in_all_jobs(sliding):
+    study = radioloc.read_study(sliding)
+    solution = radioloc.locate(study)
+    assert solution.converged
+    truth = study.simulation.targets["lander"].target("", radioloc.measurements.PhysicalModel.build())
+    error = solution.values - truth.slide.state
+    covariance = solution.parameter_covariance()
+    assert error @ np.linalg.solve(covariance, error) < NEES_LIMIT
+    place_m = truth.slide.state[:3] - solution.position_pa_m
+    assert np.linalg.norm(place_m) < 4.0 * np.linalg.norm(solution.sigma_enu_m())
+    assert not radioloc.compute_residuals(study).position_estimated
+    planned = radioloc.covariance(study, [24.0, 48.0])
+    np.testing.assert_allclose(planned.arcs[1].sigma_m, solution.sigma_enu_m(), rtol=1e-3)
+    trials = radioloc.monte_carlo(study, trials=20, hours=48.0)
+    assert trials.converged
+    assert len(radioloc.arcs(study, [24.0, 48.0]).arcs) == 2
+    assert len(radioloc.leave_one_out(study).omissions) == 2
+    assert len(radioloc.visibility(study).passes) == 5
+    compared = radioloc.compare([solution, replace(solution, name="second")])
+    assert compared.is_usable
+
+
+def test_target_of_another_package_by_its_entry_point(toys, tmp_path):
+    (tmp_path / "slide.toml").write_text(SLIDE)
+    code = "import radioloc; print(radioloc.read_study('slide.toml').target.height_m)"
+    assert python(toys, "-c", code, cwd=tmp_path).stdout == "-2500.0\n"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "key"),
+    [
+        ("sliding_lander", "hovering", "kind"),
+        ("latitude_deg", "speed", "speed"),
+        ("43.06", '"N"', "latitude_deg"),
+    ],
+)
+def test_mistakes_in_the_table_of_another_target_are_named(old, new, key, sliding):
+    sliding.write_text(SLIDE.replace(old, new, 1))
+    with pytest.raises(InputError, match=rf"\[target\] '?{key}"):
+        radioloc.read_study(sliding)
+
+
+@pytest.mark.study
+def test_noise_of_another_package_weights_the_observations(sliding):
+    sliding.write_text(f"{SLIDE}\n[elevation_noise]\nzenith_sigma_m = 0.2\n")
+    solution = radioloc.locate(sliding)
+    residuals = solution.residuals
+    expected_m = np.hypot(0.1, 0.2 * np.sqrt(2.0) / np.sin(np.radians(residuals.elevation_deg)))
+    np.testing.assert_allclose(residuals.sigma_m, expected_m, rtol=2e-2)  # both ends at the lower elevation
+    assert solution.provenance["extensions"] == {"elevation_noise": {"zenith_sigma_m": 0.2}}
+
+
 def test_registration_as_the_first_use_of_the_package(tmp_path):
     code = """
 import radioloc

@@ -56,10 +56,10 @@ def arcs(
     [True, True]
     """
     study = as_study(study)
-    if not (study.points or study.orbiters):
+    if len(study.trajectories) == len(study.all_targets):
         raise InputError(
             f"{study.name}: an arc-length study compares positions and states, but the motion of each target is "
-            "known_places; use `radioloc residuals`"
+            "known; use `radioloc residuals`"
         )
     lengths = arc_lengths(hours, study.observations)
     known_places = (() if study.reference is None else (study.reference,)) + study.references

@@ -58,7 +58,9 @@ class ComparedTarget:
 
     @property
     def true_motion(self) -> _Floats:
-        """True position, m, or parameters of the orbit with the true state."""
+        """True position, m, parameters of the orbit with the true state, or those of a registered kind."""
+        if self.truth.values is not None:
+            return self.truth.values
         if self.orbit is None:
             return self.truth.position_pa_m
         assert self.target.orbit is not None

@@ -228,7 +228,7 @@ def _model_notes(arc: Predictor) -> Iterator[str]:
         yield f"no ionospheric delay of radio signals{stations}: give maps or a content, [model] ionex or tec_tecu"
     orbits = orbits_of(arc)
     yield from dict.fromkeys(note for orbit in orbits for note in orbit.forces.gravity.notes)
-    if len(orbits) < len(arc.trajectories):
+    if any(motion.trajectory is not None and motion.adjustable is None for motion in arc.motions):
         yield "the trajectory is taken as exact: its error is in the residuals, and in no sigma"
 
 
@@ -340,6 +340,8 @@ def _target_record(study: Study) -> dict[str, Any]:
     apriori = None if point is None else {"frame": point.frame, "xyz_m": point.xyz_m.tolist()}
     if study.orbiter is not None:
         apriori = study.orbiter.record()
+    elif study.described and point is None:
+        apriori = plain(next(iter(study.described.values())))
     record = None if known is None else {"body": known.body, **kernel_record(known.kernel, known.name)}
     return {"a_priori": apriori, "trajectory": record}
 

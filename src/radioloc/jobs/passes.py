@@ -27,11 +27,12 @@ from radioloc.measurements.target_motion import TargetMotion, TrajectoryMotion, 
 from radioloc.quantities import accepts_quantities
 from radioloc.results.predictions import LightTimes, Pass, Passes
 from radioloc.simulation.schedule import LINKS, Schedule, Session
-from radioloc.simulation.simulate import StateAndForces
-from radioloc.simulation.visibility import Masks, Target, Window, elevations, windows
+from radioloc.simulation.simulate import TargetRecord
+from radioloc.simulation.visibility import Masks, Target, Window, direction_of, elevations, windows
 from radioloc.study.study import Study
 from radioloc.study.study_file import as_study
 from radioloc.study.weights import ends_of
+from radioloc.targets.registry import TargetDescription
 from radioloc.time import (
     Epochs,
     epochs_from_strings,
@@ -120,10 +121,7 @@ class Scene:
     @property
     def positions(self) -> dict[str, Target]:
         """Positions of points, principal axes, m, and trajectories of spacecraft."""
-        return {
-            name: motion.position_pa_m if motion.trajectory is None else motion.trajectory
-            for name, motion in self.motions.items()
-        }
+        return {name: direction_of(motion) for name, motion in self.motions.items()}
 
 
 def scene_of(
@@ -142,9 +140,7 @@ def scene_of(
         names, first, last, masks = [], "", "", Masks()
     else:
         names, first, last, masks = _observed(study)
-    places: dict[str, LunarPosition | AnyTrajectory | StateAndForces] = {
-        name or "lander": place for name, place in study.all_targets.items()
-    }
+    places: dict[str, TargetRecord] = {name or "lander": place for name, place in study.all_targets.items()}
     if study.simulation is not None:
         places = study.simulation.targets
     start_utc, stop_utc = start_utc or first, stop_utc or last
@@ -161,12 +157,12 @@ def scene_of(
     )
 
 
-def _motion(
-    record: LunarPosition | AnyTrajectory | StateAndForces, model: PhysicalModel, span_utc: Epochs
-) -> TargetMotion:
+def _motion(record: TargetRecord, model: PhysicalModel, span_utc: Epochs) -> TargetMotion:
     """Return the motion of a target, integrated over a span of UTC from a state."""
     if isinstance(record, LunarPosition | AnyTrajectory):
         return as_motion(record, model)
+    if isinstance(record, TargetDescription):
+        return record.target("", model).start
     return TrajectoryMotion(record.orbit_over(model, span_utc, 0.0).nearest())
 
 

@@ -16,7 +16,7 @@ from radioloc.errors import CoverageError, FileFormatError, InputError, require_
 from radioloc.io.formats import read_observations
 from radioloc.jobs.one_thread import on_one_blas_thread
 from radioloc.jobs.selection import select_observations, selected, with_target_names
-from radioloc.jobs.study_targets import apriori_points, position_in_pa
+from radioloc.jobs.study_targets import apriori_points, described_target, position_in_pa
 from radioloc.measurements.ambiguity import without_ambiguity
 from radioloc.measurements.evaluation import prepare_predictor
 from radioloc.measurements.exact_predictor import ExactPredictor
@@ -239,12 +239,12 @@ def _arc(
 
 def _coarse(motion: TargetMotion) -> TargetMotion:
     """Return a motion with partials of gravity that suffice where only positions are needed."""
-    orbit: AdjustableOrbit | None = motion.adjustable  # type: ignore[assignment]
-    return motion if orbit is None else OrbitMotion(orbit.coarse())
+    orbit = motion.adjustable
+    return OrbitMotion(orbit.coarse()) if isinstance(orbit, AdjustableOrbit) else motion
 
 
 def _flying(study: Study) -> tuple[str, ...]:
-    """Return the names of the targets that are spacecraft, in the order of an arc."""
+    """Return the names of the targets other than points, in the order of an arc."""
     return tuple(name for name in study.all_targets if name not in study.points)
 
 
@@ -255,9 +255,11 @@ def _spacecraft(
     observations: Observations,
     orbits: Mapping[str, AdjustableOrbit],
 ) -> TargetMotion:
-    """Return the a-priori motion of a spacecraft over its observations."""
+    """Return the a-priori motion of a target other than a point, over its observations."""
     if name in study.trajectories:
         return TrajectoryMotion(study.trajectories[name])
+    if name in study.described:
+        return described_target(study, name, model).start
     if name in orbits:
         return OrbitMotion(orbits[name])
     assert study.estimate.orbit is not None  # the study has seen to that

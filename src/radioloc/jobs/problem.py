@@ -20,7 +20,7 @@ from radioloc.estimation.series import SeriesOrder, seconds_since_midnight
 from radioloc.estimation.time_correlation import fit_with_correlated_weights
 from radioloc.jobs.independent_clocks import with_independent_clocks
 from radioloc.jobs.selection import EPOCH_ROUNDING_S, since_start_s
-from radioloc.jobs.station_noise import stated_noise
+from radioloc.jobs.station_noise import noise_of
 from radioloc.jobs.study_targets import targets_of
 from radioloc.labels import Labels
 from radioloc.measurements.predictor import Predictor
@@ -115,7 +115,7 @@ class EstimationProblem:
             estimate,
             considered,
             model,
-            stated_noise(arc, study.observations) if noise is None else noise,
+            noise_of(study, arc) if noise is None else noise,
             SeriesOrder.of(types, paths, seconds_since_midnight(observations.epoch)),
         )
 

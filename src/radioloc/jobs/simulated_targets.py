@@ -6,12 +6,15 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from radioloc.dynamics import AdjustableOrbit
+from radioloc.jobs.study_targets import described_target
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.link import canonical_target
 from radioloc.measurements.physical_model import PhysicalModel
+from radioloc.measurements.target_motion import TrajectoryMotion, as_motion
 from radioloc.simulation import Scenario
-from radioloc.simulation.visibility import Target
+from radioloc.simulation.visibility import Target, direction_of
 from radioloc.study.study import Study
+from radioloc.targets.registry import TargetDescription
 
 
 def names_in_scenario(study: Study, scenario: Scenario) -> dict[str, str]:
@@ -27,7 +30,7 @@ def at_true_positions(study: Study, scenario: Scenario) -> Study:
     targets = dict(study.all_targets)
     for name, simulated in names_in_scenario(study, scenario).items():
         record, orbiter = scenario.targets[simulated], study.orbiters.get(name)
-        if isinstance(record, LunarPosition):
+        if isinstance(record, LunarPosition | TargetDescription):
             targets[name] = record
         elif orbiter is not None:
             targets[name] = orbiter.with_state(record.state)  # type: ignore[union-attr]
@@ -51,8 +54,11 @@ def pointed_at(
     """Return what antennas point at, by the names of targets in the observations."""
     targets = dict[str, Target]()
     for name, simulated in names_in_scenario(study, scenario).items():
-        if name in study.points:
-            targets[simulated] = study.points[name].to_axes("PA", model.ephemeris.constants).xyz_m
+        if name in study.described:
+            motion = described_target(study, name, model).start
+        elif name in orbits:
+            motion = TrajectoryMotion(orbits[name].nearest())
         else:
-            targets[simulated] = orbits[name].nearest() if name in orbits else study.trajectories[name]
+            motion = as_motion(study.all_targets[name], model)  # type: ignore[arg-type]
+        targets[simulated] = direction_of(motion)
     return targets

@@ -9,6 +9,7 @@ between two contiguous counts of Doppler is in both.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,10 +22,26 @@ from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.registry import kind_of
 from radioloc.noise import ALONE, DopplerPhase, NoiseTerm, ObservationCovariance, SharedAtEpoch, White
 from radioloc.study.observation_choice import ObservationChoice
+from radioloc.study.study import Study
 from radioloc.time import Epochs, utc_to_tai
 
 _CONTIGUOUS = 0.01
 """Part of a count interval up to which the next count may begin earlier or later than it ends."""
+
+
+@runtime_checkable
+class NoiseSource(Protocol):
+    """Record of a table of a study (:class:`~radioloc.study.StudyTable`) that adds noise to its observations."""
+
+    def noise_term(self, arc: Predictor) -> White | NoiseTerm:
+        """Return the errors of the observations of a prepared arc that the table stands for."""
+        ...
+
+
+def noise_of(study: Study, arc: Predictor) -> ObservationCovariance:
+    """Covariance of a study's arc: that of its observations, and the terms of tables of other packages."""
+    sources = [record for record in study.extensions.values() if isinstance(record, NoiseSource)]
+    return stated_noise(arc, study.observations).plus(*(source.noise_term(arc) for source in sources))
 
 
 def stated_noise(arc: Predictor, choice: ObservationChoice) -> ObservationCovariance:

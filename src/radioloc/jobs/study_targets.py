@@ -40,6 +40,9 @@ def targets_of(study: Study, arc: Predictor, choice: EstimateChoice) -> list[Tar
         *surface_points(targets_in_pa(study, arc.model), arc.model, choice, several=len(study.landers) > 1)
     ]
     for name, motion in zip(names[len(targets) :], arc.motions[len(targets) :], strict=True):
+        if name in study.described:
+            targets.append(described_target(study, name, arc.model, estimated=choice.position != "none"))
+            continue
         orbiter, orbit = study.orbiters.get(name), motion.adjustable
         if orbiter is None:
             targets.append(KnownTrajectory(name * (len(study.trajectories) > 1), motion.trajectory))  # type: ignore[arg-type]
@@ -49,6 +52,12 @@ def targets_of(study: Study, arc: Predictor, choice: EstimateChoice) -> list[Tar
         target = _flying(orbiter, orbit, arc.model, choice, place_name, prior)  # type: ignore[arg-type]
         targets.append(_named(target, name, several=len(study.orbiters) > 1))
     return targets
+
+
+def described_target(study: Study, name: str, model: PhysicalModel, *, estimated: bool = False) -> Target:
+    """Return a target of a registered kind."""
+    role = Role.ESTIMATED if estimated else Role.FIXED
+    return study.described[name].target(name * (len(study.all_targets) > 1), model, role)
 
 
 def _named(target: TargetOrbit | Descent, name: str, *, several: bool) -> TargetOrbit | Descent:

@@ -33,6 +33,8 @@ from radioloc.simulation.truth import (
     drawn_errors,
     fixed_errors,
 )
+from radioloc.simulation.visibility import direction_of
+from radioloc.targets.registry import TargetDescription
 from radioloc.time import Epochs, epochs_from_strings, utc_strings
 from radioloc.vectors import Floats
 
@@ -166,7 +168,7 @@ class StateAndForces(Protocol):
         ...
 
 
-TargetRecord = LunarPosition | AnyTrajectory | StateAndForces
+TargetRecord = LunarPosition | AnyTrajectory | StateAndForces | TargetDescription
 """Description of a target's true position or motion."""
 
 
@@ -197,9 +199,7 @@ class Scenario:
     def world(self, model: PhysicalModel) -> World:
         """Compute the world without noise, for a nominal model; errors are those of :func:`simulate`."""
         targets = tuple(self._target(name, record, model) for name, record in self.targets.items())
-        pointed_at = {
-            item.name: item.position_pa_m if item.trajectory is None else item.trajectory for item in targets
-        }
+        pointed_at = {item.name: direction_of(item.motion) for item in targets}
         plan = self.schedule.plan(model, pointed_at)
         kinds = (*self.truth.values, *self.truth_sigma.sigmas)
         motions = [item.motion for item in targets]
@@ -235,6 +235,8 @@ class Scenario:
             return TrueTarget(name, position_pa_m, enu_pa, position_name=position_name)
         if isinstance(record, AnyTrajectory):
             return TrueTarget(name, np.zeros(3), np.eye(3), record)
+        if isinstance(record, TargetDescription):
+            return TrueTarget.described(name, record, model, len(self.targets) > 1)
         orbit = self.orbit(model, record)
         random = generator(self.seed, GRAVITY_ERROR)
         disturbed = record.with_gravity_errors(orbit, self.truth_sigma.gravity_errors, random)

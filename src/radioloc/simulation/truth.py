@@ -9,7 +9,7 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,8 @@ from numpy.typing import NDArray
 from radioloc.dynamics import AdjustableOrbit
 from radioloc.ephemeris.trajectory import AnyTrajectory
 from radioloc.errors import InputError
+from radioloc.lunar import rot_pa_to_me
+from radioloc.lunar.local import rot_pa_to_enu
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.predictor import Prediction, Predictor, blocks
 from radioloc.measurements.target_motion import FixedPoint, TargetMotion, TrajectoryMotion
@@ -29,6 +31,7 @@ from radioloc.quantities import accepts_quantities
 from radioloc.simulation.noise import generator
 from radioloc.targets.design import DesignMatrix, ObservationModel
 from radioloc.targets.orbit_state import EAST_NORTH_UP
+from radioloc.targets.registry import TargetDescription
 from radioloc.targets.surface_point import SurfacePoint, cartesian
 from radioloc.time import epochs_from_strings, utc_to_tai
 from radioloc.units import set_fields
@@ -176,6 +179,17 @@ class TrueTarget:
     trajectory: AnyTrajectory | None = None  # of a spacecraft
     with_gravity_errors: AdjustableOrbit | None = None  # orbit with the drawn errors of gravity
     position_name: str = "position"  # before the axes in the names of errors of the position
+    values: Floats | None = None  # true parameters of a target of a registered kind
+
+    @classmethod
+    def described(cls, name: str, record: TargetDescription, model: PhysicalModel, several: bool) -> Self:
+        """Return a target of a registered kind at its a-priori parameters."""
+        target = record.target(name * several, model)
+        values = np.array([item.prior_value for item in target.parameters])
+        position_pa_m, enu_pa = target.position(values)[0], np.eye(3)
+        if target.has_place:
+            enu_pa = rot_pa_to_enu(position_pa_m, rot_pa_to_me(model.ephemeris.constants))
+        return cls(name, position_pa_m, enu_pa, target.start.trajectory, values=values)
 
     @property
     def motion(self) -> TargetMotion:

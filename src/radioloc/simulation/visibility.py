@@ -19,6 +19,7 @@ from radioloc.ephemeris.trajectory import AnyTrajectory
 from radioloc.errors import InputError
 from radioloc.lunar import rot_icrf_to_pa
 from radioloc.measurements.physical_model import PhysicalModel
+from radioloc.measurements.target_motion import TargetMotion
 from radioloc.quantities import accepts_quantities, convert_fields
 from radioloc.time import (
     Epochs,
@@ -150,6 +151,11 @@ def elevations(
             before_moon, _elevation_rad(-to_target_m, target_up) + dip_rad, 0.5 * np.pi
         )
     return Elevations(names, at_station, at_target)
+
+
+def direction_of(motion: TargetMotion) -> Target:
+    """Return what antennas point at: the position of a point on the Moon, or a trajectory."""
+    return motion.position_pa_m if motion.trajectory is None else motion.trajectory
 
 
 def _flies(target: Target | AtInfinity) -> bool:

@@ -12,6 +12,7 @@ import sys
 import tomllib
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from numbers import Real
 from pathlib import Path
 from types import UnionType
@@ -191,6 +192,13 @@ class TomlTable:
         except InputError as error:
             prefix = f"[{self.name}] " if self.name else ""
             raise InputError(f"{self.path}: {prefix}{error}") from None
+
+    def replaced(self, record: _Record) -> _Record:
+        """Return a record with other values of the keys of the table, all of which are its fields."""
+        kinds = get_type_hints(type(record), include_extras=True)
+        fields = {key: self.get(key, kinds[key]) for key in kinds}
+        self.finish()
+        return self.build(partial(dataclasses.replace, record), **fields)  # type: ignore[type-var]
 
     def table(self, key: str) -> TomlTable | None:
         """Take a table inside this one."""

@@ -11,7 +11,7 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias, get_args
 
 from radioloc.earth.eop_prediction import BEYOND
 from radioloc.earth.stations import StationCatalogue
@@ -42,6 +42,7 @@ from radioloc.study.orbit_choice import OrbitChoice
 from radioloc.study.orbiter import Orbiter
 from radioloc.study.schema import TomlTable, check, entry, names_of
 from radioloc.targets.position_prior import PositionPrior
+from radioloc.targets.registry import TargetDescription
 from radioloc.units import set_fields
 
 WEIGHTS = ("independent", "correlated")
@@ -288,8 +289,11 @@ class CovarianceChoice:
     candidates: tuple[str, ...] | None = None
 
 
+AnyTarget: TypeAlias = LunarPosition | Trajectory | Orbiter | TargetDescription
+"""A-priori record of a target."""
+
 _FIELD_TYPES: Mapping[str, tuple[type, ...]] = {
-    "target": (LunarPosition, Trajectory, Orbiter, type(None)),
+    "target": (*get_args(AnyTarget), type(None)),
     "observations": (ObservationChoice,),
     "estimate": (EstimateChoice,),
     "model": (ModelChoice,),
@@ -311,9 +315,9 @@ class Study:
 
     Parameters
     ----------
-    target : LunarPosition, Trajectory or Orbiter, optional
-        A-priori position; or a known trajectory, which needs ``position="none"``; or an orbiter. By default the first
-        of `targets`.
+    target : LunarPosition, Trajectory, Orbiter or TargetDescription, optional
+        A-priori position; or a known trajectory, which needs ``position="none"``; or an orbiter; or a target of a kind
+        in :data:`~radioloc.targets.TARGET_KINDS`. By default the first of `targets`.
     observations, estimate, model
     catalogue : StationCatalogue
         Stations.
@@ -325,7 +329,7 @@ class Study:
         Name on the result card.
     simulation : Scenario or None
         Tracking to be simulated, of all targets.
-    targets : mapping of str to LunarPosition, Trajectory or Orbiter
+    targets : mapping of name to target
         Several targets of any kinds, by their names in the observations.
     consider : mapping of str to ParameterChoice
         Consider parameters with their a-priori sigmas, of
@@ -352,7 +356,7 @@ class Study:
         Fields contradict each other or have the wrong type.
     """
 
-    target: LunarPosition | Trajectory | Orbiter = None  # type: ignore[assignment]  # of targets, then
+    target: AnyTarget = None  # type: ignore[assignment]  # of targets, then
     observations: ObservationChoice = field(default_factory=ObservationChoice)
     estimate: EstimateChoice = field(default_factory=EstimateChoice)
     model: ModelChoice = field(default_factory=ModelChoice)
@@ -361,7 +365,7 @@ class Study:
     references: tuple[Reference, ...] = ()
     name: str = "study"
     simulation: Scenario | None = None
-    targets: Mapping[str, LunarPosition | Trajectory | Orbiter] = field(default_factory=dict)
+    targets: Mapping[str, AnyTarget] = field(default_factory=dict)
     consider: Mapping[str, ParameterChoice] = field(default_factory=dict)
     consider_defaults: bool = True
     suboptimal: tuple[str, ...] = ()
@@ -385,7 +389,7 @@ class Study:
             chosen = self.estimate.orbit or OrbitChoice()
             for orbiter in self.orbiters.values():
                 chosen.parameters(orbiter.forces)
-            position = self.estimate.position if self.landers else "none"
+            position = self.estimate.position if self.landers or self.described else "none"
             set_fields(self, estimate=replace(self.estimate, position=position, orbit=chosen))
             self._require_states(chosen)
             if chosen.process_noise is not None:
@@ -395,11 +399,11 @@ class Study:
         elif self.estimate.orbit is not None:
             raise InputError('[estimate.orbit] belongs to a target with dynamics = "moon"; leave it out')
         self._require_simulated()
-        if not self.points:
+        if not self.points and not self.described:
             self._require_no_position()
 
     @property
-    def all_targets(self) -> Mapping[str, LunarPosition | Trajectory | Orbiter]:
+    def all_targets(self) -> Mapping[str, AnyTarget]:
         """A-priori records of all targets by name; the name of a single one is empty."""
         return self.targets or {"": self.target}
 
@@ -440,6 +444,11 @@ class Study:
         """Known trajectories of targets, by name."""
         return {name: item for name, item in self.all_targets.items() if isinstance(item, Trajectory)}
 
+    @property
+    def described(self) -> dict[str, TargetDescription]:
+        """Targets of registered kinds, by name."""
+        return {name: item for name, item in self.all_targets.items() if isinstance(item, TargetDescription)}
+
     def __repr__(self) -> str:
         target = ", ".join(self.targets) if len(self.targets) > 1 else repr(self.target).strip("<>")
         estimated = [name for name, choice in self.estimate.parameters.items() if choice.names != "none"]
@@ -452,9 +461,9 @@ class Study:
         )
 
     def _name_targets(self) -> None:
-        named: dict[str, LunarPosition | Trajectory | Orbiter] = {}
+        named: dict[str, AnyTarget] = {}
         for name, target in self.targets.items():
-            require_type(f"[targets.{name}]", target, LunarPosition, Trajectory, Orbiter)
+            require_type(f"[targets.{name}]", target, *get_args(AnyTarget))
             if canonical_target(name) in named:
                 raise InputError(
                     f"[targets.{name}]: expected different targets, got {canonical_target(name)} twice"

@@ -15,10 +15,8 @@ import numpy as np
 from radioloc.dynamics import Impulse
 from radioloc.earth.reference_frames import frames
 from radioloc.earth.stations import Station, StationCatalogue
-from radioloc.ephemeris import Trajectory
 from radioloc.errors import InputError, StationError, require_type
 from radioloc.io.frequencies import FrequencyAgreement, read_sites
-from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.link import canonical_target
 from radioloc.parameters.choice import ParameterChoice
 from radioloc.parameters.considered import considered_choices
@@ -46,6 +44,7 @@ from radioloc.study.schema import (
 from radioloc.study.simulation_file import scenario
 from radioloc.study.study import (
     PARAMETER_KEYS,
+    AnyTarget,
     CovarianceChoice,
     EstimateChoice,
     ModelChoice,
@@ -64,6 +63,7 @@ from radioloc.study.target_file import (
 )
 from radioloc.study.uplinks import Uplink
 from radioloc.study.weights import Weight
+from radioloc.targets.registry import TargetDescription
 
 _MAX_PLATE_SPEED_M_YR = 1.0  # Plates move by up to 0.1 m a year; more is another unit
 _MAX_ALIAS_DISTANCE_KM = 10.0  # Beyond, a station with an alias of the catalogue is a different one
@@ -277,7 +277,7 @@ def _considered(table: TomlTable) -> tuple[dict[str, ParameterChoice], bool, tup
 
 def _simulation(
     table: TomlTable,
-    targets: Mapping[str, LunarPosition | Trajectory | Orbiter],
+    targets: Mapping[str, AnyTarget],
     forces: Mapping[str, Any],
     catalogue: StationCatalogue,
 ) -> Scenario:
@@ -306,10 +306,10 @@ def _simulation(
     return planned
 
 
-def _true_target(
-    table: TomlTable, target: LunarPosition | Trajectory | Orbiter, forces: Mapping[str, Any]
-) -> LunarPosition | Trajectory | Orbiter:
+def _true_target(table: TomlTable, target: AnyTarget, forces: Mapping[str, Any]) -> AnyTarget:
     """Return the a-priori target with the true position, state and forces of a table."""
+    if isinstance(target, TargetDescription):
+        return target if (changes := table.table("position")) is None else changes.replaced(target)
     orbiter = target if isinstance(target, Orbiter) else None
     orbits, lands = orbiter is not None, orbiter is not None and orbiter.landing is not None
     for key in ("state",) if lands else ("position",) if orbits else ("state", "forces"):

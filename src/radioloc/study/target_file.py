@@ -16,6 +16,7 @@ from radioloc.study.orbit_choice import ForcesChoice
 from radioloc.study.orbiter import AXES, Landing, Orbiter, RoughOrbit
 from radioloc.study.schema import TomlTable, check, entry, keys_of
 from radioloc.study.study import ModelChoice, Reference
+from radioloc.targets.registry import TARGET_KINDS, TargetDescription
 from radioloc.time import epochs_from_strings
 
 _FIT_KEYS = ("empirical", "gravity_errors", "gravity_error_degree")
@@ -38,6 +39,7 @@ class Place:
 class Target(Place):
     """Keys of ``[target]``: a position, a trajectory, or the state of an orbiter."""
 
+    kind: str | None = None  # of TARGET_KINDS, whose record has the other keys
     trajectory: Path | None = None
     body: int | None = entry(None, advice="it is a NAIF code, such as -85")
     dynamics: str | None = entry(None, choices=("moon",))
@@ -70,8 +72,13 @@ class LandingKeys(Place):
 
 def read_target(
     table: TomlTable, forces: tuple[ForcesChoice, Forces] | None, model: ModelChoice
-) -> LunarPosition | Trajectory | Orbiter:
-    """Read a position, a trajectory, or an orbiter."""
+) -> LunarPosition | Trajectory | Orbiter | TargetDescription:
+    """Read a position, a trajectory, an orbiter, or a target of a registered kind."""
+    if "kind" in table:
+        kind, _ = table.need("kind", str), table.get("name", str)
+        if kind not in TARGET_KINDS:
+            table.fail("kind", f"expected a registered kind ({', '.join(TARGET_KINDS) or 'none'}), got {kind!r}")
+        return table.read(TARGET_KINDS[kind].record)
     if "dynamics" in table:
         return _orbiter(table, forces, model)
     if "trajectory" not in table and "body" not in table:

@@ -1,22 +1,31 @@
 """Targets that are located: points fixed to the Moon, known trajectories, orbits and descents, behind one protocol.
 
-A :class:`Target` has its parameters, its motion as a function of them, and its own estimate.
+A :class:`Target` has its parameters, its motion as a function of them, and its own estimate. :data:`TARGET_KINDS` are
+kinds of other packages.
 """
 
 from radioloc.targets.descent import Descent
+from radioloc.targets.doubts import Doubt, place_doubts
 from radioloc.targets.known_trajectory import KnownTrajectory
 from radioloc.targets.orbit import TargetOrbit
 from radioloc.targets.orbit_state import OrbitState
 from radioloc.targets.position_prior import PositionPrior
+from radioloc.targets.registry import TARGET_KINDS, TargetDescription, TargetKind
 from radioloc.targets.surface_point import SurfacePoint
-from radioloc.targets.target import Target
+from radioloc.targets.target import Target, WithoutForces
 
 __all__ = [
+    "TARGET_KINDS",
     "Descent",
+    "Doubt",
     "KnownTrajectory",
     "OrbitState",
     "PositionPrior",
     "SurfacePoint",
     "Target",
+    "TargetDescription",
+    "TargetKind",
     "TargetOrbit",
+    "WithoutForces",
+    "place_doubts",
 ]

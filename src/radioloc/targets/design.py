@@ -332,7 +332,8 @@ def _as_slice(rows: Rows) -> Rows | slice:
 
 def orbits_of(predictor: Predictor) -> list[AdjustableOrbit]:
     """Return the a-priori orbits that a predictor was prepared with."""
-    return [motion.adjustable for motion in predictor.motions if motion.adjustable is not None]  # type: ignore[misc]
+    adjustable = [motion.adjustable for motion in predictor.motions]
+    return [orbit for orbit in adjustable if isinstance(orbit, AdjustableOrbit)]
 
 
 def orbit_of(predictor: Predictor) -> AdjustableOrbit | None:

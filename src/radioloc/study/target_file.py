@@ -77,7 +77,9 @@ def read_target(
     if "kind" in table:
         kind, _ = table.need("kind", str), table.get("name", str)
         if kind not in TARGET_KINDS:
-            table.fail("kind", f"expected a registered kind ({', '.join(TARGET_KINDS) or 'none'}), got {kind!r}")
+            table.fail(
+                "kind", f"expected a registered kind ({', '.join(TARGET_KINDS) or 'none'}), got {kind!r}"
+            )
         return table.read(TARGET_KINDS[kind].record)
     if "dynamics" in table:
         return _orbiter(table, forces, model)

@@ -41,7 +41,9 @@ class Parser(argparse.ArgumentParser):
         if unknown := re.match(r"argument COMMAND: invalid choice: '(.*?)'", message):
             message = f"unknown command {unknown[1]!r}{_suggestion(unknown[1], self.commands)}"
         elif unknown := re.match(r"unrecognized arguments: (\S+)", message):
-            message += _suggestion(unknown[1].partition("=")[0], self.options)
+            option = unknown[1].partition("=")[0]
+            is_of_others = option in self.options
+            message += " (an option of other commands)" if is_of_others else _suggestion(option, self.options)
         complain(f"{message}; see {self.prog} --help")
         self.exit(BAD_INPUT)
 

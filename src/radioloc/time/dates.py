@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -164,9 +163,9 @@ def utc_from_seconds_of_day(jd: Floats, seconds: Floats) -> Epochs:
     return Epochs.from_jd(jd, (seconds - np.where(is_next_day, length_s, 0.0)) / day_lengths_s(jd), "UTC")
 
 
-def utc_from_text(texts: Any) -> Epochs:
-    """Read UTC dates from 1972 on, listed or in an Arrow array."""
-    utc = read_dates(texts.to_numpy(zero_copy_only=False) if hasattr(texts, "to_numpy") else texts, "UTC")
+def utc_from_text(texts: Sequence[str]) -> Epochs:
+    """Read UTC dates from 1972 on."""
+    utc = read_dates(texts, "UTC")
     day_lengths_s(utc.jd)
     return utc
 

@@ -31,6 +31,8 @@ from radioloc.vectors import Floats
 
 NOISE, A_PRIORI, EPHEMERIS = "measurement noise", "a priori", "ephemeris"
 """Sources of error other than consider parameters."""
+UNMODELLED_ERROR = "unmodelled_error"
+"""Kind of the difference between the estimates without and with the errors that the consistency tests find."""
 
 _MIN_EFFECT_SIGMAS = (
     0.1  # smallest effect on the estimate: its square is the relative change of a variance, 1 %
@@ -63,6 +65,14 @@ class Consider:
     def covariance(self) -> Floats:
         """Contribution to the covariance of the estimate, shape (p, p)."""
         return np.asarray(self.sensitivity @ self.sensitivity.T)
+
+    def joined(self, effects: Consider) -> Consider:
+        """Return the effects of both sets of parameters."""
+        return Consider(
+            ParameterSet([*self.parameters, *effects.parameters]),
+            np.hstack([self.sensitivity, effects.sensitivity]),
+            (*self.in_weights, *effects.in_weights),
+        )
 
     def to_list(self, enu_by_parameters: Floats | None) -> list[dict[str, Any]]:
         """Return records for JSON by descending effect on the position, which needs its partials (3, p)."""

@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from radioloc.constants import C_M_S
+from radioloc.estimation.adaptation import AdaptedEstimate, adapted_estimate
 from radioloc.estimation.consider import ConsideredErrors
 from radioloc.estimation.editing import EditedFit
 from radioloc.estimation.gauss_markov import TimeCorrelation
@@ -112,6 +113,7 @@ class Consistency:
 
     groups: tuple[Inconsistency, ...] = ()  # tests of all groups, significant or not
     found: tuple[Inconsistency, ...] = ()  # significant tests, each with the preceding ones as parameters
+    adapted: AdaptedEstimate | None = None  # estimate with the findings as parameters; None without findings
 
     def __repr__(self) -> str:
         return f"<Consistency of {len(self.groups)} groups, {len(self.found)} finding(s)>"
@@ -181,7 +183,7 @@ def assess_consistency(
         begin, width = width, width + test.columns.shape[1]
         verdict = replace(test.verdict, estimate=problem.estimate[begin:width])
         findings.append(search.record(replace(test, verdict=verdict)))
-    return Consistency(groups, tuple(findings))
+    return Consistency(groups, tuple(findings), adapted_estimate(problem, fit) if findings else None)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

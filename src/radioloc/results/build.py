@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from radioloc.estimation.adaptation import MAX_SHIFT_SIGMAS
 from radioloc.estimation.combination import ReferenceComparison
-from radioloc.estimation.consider import ConsideredErrors, reported
+from radioloc.estimation.consider import UNMODELLED_ERROR, Consider, ConsideredErrors, reported
 from radioloc.estimation.consistency import assess_consistency
 from radioloc.estimation.editing import EditedFit
 from radioloc.estimation.least_squares import FitStatus
@@ -22,6 +23,8 @@ from radioloc.estimation.time_correlation import estimated_covariance
 from radioloc.labels import Labels
 from radioloc.lunar.local import local_difference
 from radioloc.lunar.selenographic import cartesian_to_selenographic
+from radioloc.parameters.parameter import Parameter, ParameterSet, Role
+from radioloc.parameters.registry import PARAMETERS
 from radioloc.results.solution import Solution
 from radioloc.targets.doubts import Doubt
 from radioloc.time import Epochs
@@ -106,8 +109,54 @@ def build_solution(
     if consistency:
         by_parameters = None if solution.trajectory is not None else solution.enu_by_parameters
         tests = assess_consistency(edited, order, correlation, epoch_utc, by_parameters, considered)
-        solution = replace(solution, consistency=tests)
+        solution = with_findings(replace(solution, consistency=tests))
     return solution
+
+
+def with_findings(solution: Solution) -> Solution:
+    """Return a solution whose covariance and status allow for the errors that the consistency tests find."""
+    adapted = solution.consistency.adapted
+    if adapted is None:
+        return solution
+    sigmas = _shift_sigmas(solution, adapted.shift)
+    name = f"{UNMODELLED_ERROR}.{solution.consistency.found[0].name}"
+    error = Parameter(name, "1", UNMODELLED_ERROR, prior_sigma=1.0, role=Role.CONSIDERED)
+    effect = Consider(ParameterSet([error]), adapted.shift[:, None])
+    solution = replace(
+        solution,
+        consider=effect if solution.consider is None else solution.consider.joined(effect),
+        consistency=replace(solution.consistency, adapted=replace(adapted, shift_sigmas=sigmas)),
+    )
+    if not (solution.converged and sigmas > MAX_SHIFT_SIGMAS):
+        return solution
+    reason = (
+        f"the estimate with and without the errors that the observations reveal differs by {sigmas:.1f} sigmas, more "
+        f"than {MAX_SHIFT_SIGMAS:g}: correct or exclude what is named, or estimate it"
+    )
+    message = "; ".join(text for text in (reason, solution.message) if text)
+    return replace(solution, status=FitStatus.MISFIT, message=message)
+
+
+def _shift_sigmas(solution: Solution, shift: Floats) -> float:
+    """Largest shift of a target by a change of the parameters (p,), in total sigmas (Mahalanobis distance)."""
+    if solution.trajectory is not None:
+        of_target = np.array([item.kind not in PARAMETERS for item in solution.parameters])
+        of_target &= solution.parameters.free
+        covariance = solution.parameter_covariance()[np.ix_(of_target, of_target)]
+        return _distance_sigmas(shift[of_target], covariance)
+    places = [solution.of_target(target.name) for target in solution.targets] or [solution]
+    return max(
+        _distance_sigmas(place.enu_by_parameters @ shift, place.position_covariance()) for place in places
+    )
+
+
+def _distance_sigmas(difference: Floats, covariance: Floats) -> float:
+    """Length of a difference (k,) in standard deviations; directions without variance do not count."""
+    sigmas = np.sqrt(np.diag(covariance))
+    free = sigmas > 0.0
+    scaled, sigmas = difference[free] / sigmas[free], sigmas[free]
+    correlation = covariance[np.ix_(free, free)] / np.outer(sigmas, sigmas)
+    return math.sqrt(max(float(scaled @ np.linalg.pinv(correlation, hermitian=True) @ scaled), 0.0))
 
 
 def compare_with(

@@ -52,7 +52,7 @@ def fit_fields(solution: Solution) -> Iterator[Field]:
         Field("data", _data(solution)),
         Field("fit", _fit(solution)),
         _correlated_series(solution),
-        Field("misfit", map(str, inconsistent(solution, strongly=False))),
+        Field("misfit", findings(solution, strongly=False)),
         *_groups(solution),
     )
     yield Field("rejected", _largest_rejected(solution), section="")
@@ -78,11 +78,29 @@ def inconsistent(solution: Solution, *, strongly: bool) -> Iterator[Inconsistenc
             yield item
 
 
+def findings(solution: Solution, *, strongly: bool) -> Iterator[str]:
+    """Yield the inconsistencies that move the position out of its ellipsoid, or others, and the adapted position."""
+    texts = [str(item) for item in inconsistent(solution, strongly=strongly)]
+    yield from (f"WARNING: {text}" if strongly else text for text in texts)
+    adapted, count = solution.with_findings(), len(solution.consistency.found)
+    if adapted is None or not texts or not (strongly or len(texts) == count):
+        return
+    longitude_deg, latitude_deg, height_m = adapted.selenographic
+    yield (
+        f"with {'them' if count > 1 else 'it'} estimated: {longitude_deg:.8f} deg E, {latitude_deg:+.8f} deg N, "
+        f"height {height_m:.3f} m; 1 sigma east, north, up {', '.join(map(metres, adapted.sigma_enu_m()))} m. "
+        "The total sigma covers both positions"
+    )
+
+
 def _leaves_ellipsoid(solution: Solution, shift_enu_m: tuple[float, float, float] | None) -> bool:
     """Return whether a shift, None for a moving target, leaves the 68 % ellipsoid of a determined position."""
     if shift_enu_m is None or not solution.position_determined:
         return False
     shift_m, covariance_m2 = np.array(shift_enu_m), solution.position_covariance()
+    if (adapted := solution.consistency.adapted) is not None:  # the ellipsoid without the findings
+        joint_shift_m = solution.enu_by_parameters @ adapted.shift
+        covariance_m2 = covariance_m2 - np.outer(joint_shift_m, joint_shift_m)
     dof = int(np.linalg.matrix_rank(covariance_m2, hermitian=True))  # of a fixed direction there is no error
     chi2 = float(shift_m @ np.linalg.pinv(covariance_m2, hermitian=True) @ shift_m)
     return dof > 0 and chi2 > chi2_quantile(_ONE_SIGMA_PROBABILITY, dof)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from radioloc.estimation.consider import A_PRIORI, ErrorSource
+from radioloc.estimation.consider import A_PRIORI, UNMODELLED_ERROR, ErrorSource
 from radioloc.measurements.link import Link
 from radioloc.parameters.parameter import Parameter
 from radioloc.parameters.registry import PARAMETERS, parameter_label
@@ -13,6 +13,7 @@ _SOURCES = {
     A_PRIORI: "a-priori values",
     "station_position": "station coordinates",
     "pole": "pole coordinates",
+    UNMODELLED_ERROR: "error found, not modelled",
 }
 """Names of the sources of error that have not the label of the kind of parameter."""
 _DIRECTIONS = {"along": "along-track", "normal": "cross-track"}

@@ -420,11 +420,41 @@ class Solution(Result):
             "rejected": self.residuals.rejected(),
             "observability": self.observability.to_dict(),
             "consistency": self.consistency.to_list(),
+            "with_findings": self._with_findings(),
             "reference": None if self.reference is None else self.reference.to_dict(),
             "references": [reference.to_dict() for reference in self.references],
             "notes": list(self.notes),
             "limitations": list(self.limitations),
             "provenance": dict(self.provenance),
+        }
+
+    def with_findings(self) -> Solution | None:
+        """Return the position with the errors that the consistency tests find as parameters; None without findings.
+
+        Only the position and its total covariance are those of the adapted estimate.
+        """
+        adapted = self.consistency.adapted
+        if adapted is None or self.trajectory is not None:
+            return None
+        position_pa_m = self.position_pa_m + self.position_partials @ adapted.shift
+        return replace(
+            self,
+            position_pa_m=position_pa_m,
+            covariance=adapted.covariance,
+            consider=None,
+            consistency=Consistency(),
+        )
+
+    def _with_findings(self) -> dict[str, Any] | None:
+        """Return the position with the findings as parameters, its sigma and its difference from the reported one."""
+        adapted, solution = self.consistency.adapted, self.with_findings()
+        if adapted is None or solution is None:
+            return None
+        return {
+            "position": place_record(solution.me_frame, solution.selenographic, solution.position_me_m),
+            "sigma": by_axis(EAST_NORTH_UP, solution.sigma_enu_m()),
+            "shift": by_axis(EAST_NORTH_UP, self.enu_by_parameters @ adapted.shift),
+            "shift_sigmas": adapted.shift_sigmas,
         }
 
     def to_table(

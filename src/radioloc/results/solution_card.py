@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.estimation.consider import A_PRIORI, EPHEMERIS, NOISE, ErrorSource, by_source
+from radioloc.estimation.consider import A_PRIORI, EPHEMERIS, NOISE, UNMODELLED_ERROR, ErrorSource, by_source
 from radioloc.measurements.registry import KINDS, MEASUREMENTS
 from radioloc.parameters.parameter import Role
 from radioloc.results.cards import (
@@ -29,7 +29,7 @@ from radioloc.results.cards import (
     table,
     value_text,
 )
-from radioloc.results.fit_card import fit_fields, inconsistent, rejected_detail
+from radioloc.results.fit_card import findings, fit_fields, rejected_detail
 from radioloc.results.names import error_name, parameter_name, source_name, with_parameter_names
 from radioloc.results.solution import Level, Solution, card_of
 from radioloc.results.tables import ellipse_text
@@ -44,6 +44,7 @@ _MAX_SENTENCES = 4
 _MIN_VARIANCE_FRACTION = 0.005
 """Part of the variance below which sources are shown together."""
 _MEASURES = {
+    "what the consistency tests name, by correcting, excluding or estimating it": (UNMODELLED_ERROR,),
     "measurement noise, by more or better observations": (NOISE,),
     "a-priori values": (A_PRIORI,),
     "the ephemeris": (
@@ -216,7 +217,7 @@ def _status(solution: Solution) -> Iterator[str]:
     yield f"{state} ({iterations}, {plural(solution.passes, 'editing pass', 'es')})"
     if solution.message:
         yield solution.message
-    yield from (f"WARNING: {item}" for item in inconsistent(solution, strongly=True))
+    yield from findings(solution, strongly=True)
 
 
 def _position(solution: Solution) -> Iterator[str]:

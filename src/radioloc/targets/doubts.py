@@ -38,7 +38,7 @@ class FitStatus(enum.StrEnum):
     UNSETTLED = "not converged: the editing did not settle"
     HIDDEN = "not converged: a used station cannot see the point"
     OFF_THE_MOON = "not converged: a height that the Moon does not have"
-    MISFIT = "not converged: residuals far beyond the stated sigmas"
+    MISFIT = "not converged: the observations do not fit the model"
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,10 +6,13 @@ import numpy as np
 import pytest
 from toy_moon import ToyMoon, toy_solution
 
+from radioloc.estimation.adaptation import AdaptedEstimate
 from radioloc.estimation.combination import Agreement
 from radioloc.estimation.consistency import Consistency, Inconsistency
+from radioloc.results.build import compare_with, with_findings
 from radioloc.results.comparison import significant_pairs
 from radioloc.results.fit_card import inconsistent
+from radioloc.targets.doubts import FitStatus
 
 
 def test_the_largest_of_many_differences_needs_a_smaller_chance():
@@ -48,3 +51,23 @@ def test_a_link_of_one_range_is_compared_by_the_stated_sigma(offset_m, named):
     solution = toy_solution(model, blunders_m={59: offset_m}, station=["A"] * 60, path=path)
     assert solution.residuals.used.all()
     assert ("disagree by" in str(solution)) == named
+
+
+@pytest.mark.parametrize(("sigmas", "status"), [(2.5, FitStatus.CONVERGED), (3.5, FitStatus.MISFIT)])
+def test_the_reported_region_covers_the_position_with_the_finding_estimated(sigmas, status):
+    solution = toy_solution(ToyMoon(200, 72.0))
+    variances, axes = np.linalg.eigh(solution.position_covariance())
+    shift_m = sigmas * np.sqrt(variances[1]) * axes[:, 1]
+    shift = solution.enu_by_parameters.T @ shift_m  # the position alone
+    finding = Inconsistency("offset", "A", 30.0, 1, -6.0, tuple(shift_m), (1.0, 1.0, 1.0), {"": 1.0}, "m")
+    tests = Consistency(found=(finding,), adapted=AdaptedEstimate(shift, solution.covariance))
+    warned = with_findings(replace(solution, consistency=tests))
+    assert warned.status is status
+    assert compare_with(warned, warned.with_findings().position_pa_m).combined_sigmas < 1.0
+    assert sum(item.total_m**2 for item in warned.budget) == pytest.approx(
+        np.square(solution.sigma_enu_m()).sum() + shift_m @ shift_m
+    )
+    record = warned.to_dict()["with_findings"]
+    assert record["shift_sigmas"] == pytest.approx(sigmas)
+    assert [*record["shift"].values()] == pytest.approx(shift_m, abs=1e-9)
+    assert [*inconsistent(warned, strongly=True)] == [finding]

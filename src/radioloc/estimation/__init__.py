@@ -7,9 +7,9 @@ A :class:`ParameterSet` names what is solved for; :func:`fit_with_editing` fits 
 from radioloc.estimation.combination import Ellipse, ReferenceComparison
 from radioloc.estimation.editing import fit_with_editing
 from radioloc.estimation.gauss_markov import SeriesCorrelation, SeriesWeight, TimeCorrelation
-from radioloc.estimation.least_squares import FitStatus
 from radioloc.estimation.observability import Correlation, Direction, Observability
 from radioloc.estimation.statistics import FitStatistics, GroupStatistics, Residuals
+from radioloc.estimation.status import FitStatus
 from radioloc.estimation.variance_components import fit_with_variance_components
 from radioloc.labels import USED, Labels
 from radioloc.parameters.parameter import Parameter, ParameterSet

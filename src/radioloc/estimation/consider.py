@@ -23,10 +23,10 @@ from numpy.typing import NDArray
 
 from radioloc.estimation.least_squares import FitResult
 from radioloc.estimation.linearization import gram, times
+from radioloc.lunar.local import EAST_NORTH_UP
 from radioloc.noise.whitening import RowsOf, TransposableWhitener, slices
 from radioloc.parameters.parameter import Parameter, ParameterSet, Role
 from radioloc.parameters.registry import PARAMETERS
-from radioloc.targets.orbit_state import EAST_NORTH_UP
 from radioloc.vectors import Floats
 
 NOISE, A_PRIORI, EPHEMERIS = "measurement noise", "a priori", "ephemeris"

@@ -15,11 +15,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from radioloc.errors import InputError
 from radioloc.estimation.gauss_markov import SeriesWeight
-from radioloc.estimation.least_squares import FitResult, FitStatus, fit_least_squares
+from radioloc.estimation.least_squares import FitResult, fit_least_squares
 from radioloc.estimation.linearization import Linearization, ResidualFunction, evaluate, row_order
 from radioloc.estimation.robust import robust_start
 from radioloc.estimation.series import SeriesOrder
 from radioloc.estimation.statistics import robust_scale
+from radioloc.estimation.status import FitStatus
 from radioloc.labels import USED, Labels
 from radioloc.noise.covariance import ObservationCovariance
 from radioloc.noise.whitening import Rows, slices

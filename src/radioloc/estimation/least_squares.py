@@ -35,11 +35,11 @@ from radioloc.estimation.linearization import (
     times,
 )
 from radioloc.estimation.statistics import SCALING_PROBABILITY, chi2_quantile
+from radioloc.estimation.status import FitStatus
 from radioloc.noise.covariance import ObservationCovariance
 from radioloc.noise.whitening import Rows, RowsOf, StructuredWhitener, Whitener, column
 from radioloc.parameters.parameter import ParameterSet
 from radioloc.quantities import accepts_quantities
-from radioloc.targets.doubts import FitStatus
 from radioloc.vectors import Floats
 
 _MAX_ITERATIONS = 30

@@ -16,11 +16,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from radioloc.estimation.editing import THRESHOLD, EditedFit, fit_with_editing
-from radioloc.estimation.least_squares import FitResult, FitStatus
+from radioloc.estimation.least_squares import FitResult
 from radioloc.estimation.linearization import ResidualFunction
 from radioloc.estimation.noise_structure import noise_with_shared, split
 from radioloc.estimation.series import SeriesOrder
 from radioloc.estimation.statistics import SCALING_PROBABILITY, chi2_quantile
+from radioloc.estimation.status import FitStatus
 from radioloc.labels import Labels
 from radioloc.noise.covariance import ObservationCovariance, White
 from radioloc.noise.whitening import column

@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 from radioloc.ephemeris.constants import CONSTANTS
 from radioloc.errors import InputError
 from radioloc.estimation.combination import horizontal_ellipse
+from radioloc.lunar.local import EAST_NORTH_UP
 from radioloc.lunar.position import LunarPosition
 from radioloc.results.cards import Card, Field, metres, plural, provenance_detail
 from radioloc.results.result import Content, Result
 from radioloc.results.tables import GEOGRAPHIC, by_axis, difference, ellipse_text, finite, place_record
-from radioloc.targets.orbit_state import EAST_NORTH_UP
 from radioloc.targets.position_prior import map_tie_names
 from radioloc.vectors import Floats
 

@@ -26,7 +26,7 @@ from radioloc.estimation.combination import (
 )
 from radioloc.estimation.shared_observations import SampledSeries, share_observations
 from radioloc.estimation.statistics import finite_or_none
-from radioloc.lunar.local import rot_enu_between
+from radioloc.lunar.local import EAST_NORTH_UP, rot_enu_between
 from radioloc.lunar.position import LunarPosition
 from radioloc.results.comparison import Comparison
 from radioloc.results.recorded import read_recorded
@@ -36,7 +36,6 @@ from radioloc.results.tables import METHODS, Place, PositionRow, by_axis, place_
 from radioloc.study.schema import Hints, TomlTable, check, entry, toml_content
 from radioloc.study.target_file import Place as PositionTable
 from radioloc.study.target_file import position_of
-from radioloc.targets.orbit_state import EAST_NORTH_UP
 from radioloc.targets.position_prior import map_tie_names
 from radioloc.vectors import Floats
 

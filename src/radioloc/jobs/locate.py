@@ -20,7 +20,7 @@ from radioloc.estimation.editing import (
     phase_faults,
     with_reasons,
 )
-from radioloc.estimation.least_squares import FitStatus
+from radioloc.estimation.status import Doubt, FitStatus
 from radioloc.estimation.variance_components import fit_with_variance_components
 from radioloc.jobs.notes import limitations_of, notes_of, provenance
 from radioloc.jobs.one_thread import on_one_blas_thread
@@ -42,7 +42,7 @@ from radioloc.results.solution import Solution, TargetPosition
 from radioloc.study.study import EstimateChoice, Study
 from radioloc.study.study_file import as_study
 from radioloc.targets.design import ObservationModel
-from radioloc.targets.doubts import Doubt, FittedObservations
+from radioloc.targets.doubts import FittedObservations
 from radioloc.targets.orbit_state import OrbitState
 
 logger = logging.getLogger(__name__)

@@ -21,9 +21,10 @@ from radioloc.estimation.consider import (
     prior_effects,
     sensitivity,
 )
-from radioloc.estimation.least_squares import FitResult, FitStatus
+from radioloc.estimation.least_squares import FitResult
 from radioloc.estimation.linearization import Linearization, covariance_of, factorize
 from radioloc.estimation.observability import assess_observability
+from radioloc.estimation.status import FitStatus
 from radioloc.jobs.problem import ArcPart, GravityErrorOrbits, orbit_states, own_gravity_errors
 from radioloc.jobs.stochastic import IndependentAccelerations, StochasticProblem
 from radioloc.parameters.parameter import ParameterSet, Role

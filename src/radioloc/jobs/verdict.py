@@ -15,13 +15,12 @@ from numpy.typing import NDArray
 
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.estimation.editing import EditedFit
-from radioloc.estimation.least_squares import FitStatus
+from radioloc.estimation.status import Doubt, FitStatus
 from radioloc.estimation.variance_components import mean_leverage
 from radioloc.labels import USED, Labels
 from radioloc.measurements.registry import KINDS, is_integrated
 from radioloc.results.solution import Solution
 from radioloc.study.study import Study
-from radioloc.targets.doubts import Doubt
 
 MAX_MISFIT_RATIO = 20.0
 """Largest ratio of residuals to stated sigmas that errors of the model explain: 5 for laser ranges with DE421, 10 for

@@ -15,6 +15,9 @@ import numpy as np
 from radioloc.lunar.selenographic import cartesian_to_selenographic, east_north_up
 from radioloc.vectors import Floats, cross_matrices
 
+EAST_NORTH_UP = ("east", "north", "up")
+"""Names of the local axes."""
+
 
 @dataclass(frozen=True, slots=True)
 class LocalDifference:

@@ -10,6 +10,7 @@ import numpy as np
 
 from radioloc.errors import InputError
 from radioloc.estimation.consider import by_source
+from radioloc.lunar.local import EAST_NORTH_UP
 from radioloc.report.figures import (
     COLORS,
     SCALE_95,
@@ -30,7 +31,7 @@ from radioloc.results.covariance import CovarianceStudy, PlannedArc
 from radioloc.results.monte_carlo import MonteCarlo
 from radioloc.results.names import parameter_name, source_name
 from radioloc.results.solution import Level, Solution
-from radioloc.targets.orbit_state import EAST_NORTH_UP, RTN
+from radioloc.targets.orbit_state import RTN
 from radioloc.time import utc_strings
 from radioloc.vectors import Floats
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from radioloc.estimation.combination import ReferenceComparison, rotated_covariance
-from radioloc.lunar.local import rot_enu_between
+from radioloc.lunar.local import EAST_NORTH_UP, rot_enu_between
 from radioloc.quantities import accepts_quantities
 from radioloc.report.figures import (
     COLORS,
@@ -33,7 +33,6 @@ from radioloc.results.monte_carlo import NORMAL_95
 from radioloc.results.solution import Solution
 from radioloc.results.subsets import ArcStudy
 from radioloc.results.tables import PositionRow
-from radioloc.targets.orbit_state import EAST_NORTH_UP
 from radioloc.vectors import Floats
 
 if TYPE_CHECKING:

@@ -15,10 +15,10 @@ from radioloc.estimation.combination import ReferenceComparison
 from radioloc.estimation.consider import UNMODELLED_ERROR, Consider, ConsideredErrors, reported
 from radioloc.estimation.consistency import assess_consistency
 from radioloc.estimation.editing import EditedFit
-from radioloc.estimation.least_squares import FitStatus
 from radioloc.estimation.observability import assess_observability
 from radioloc.estimation.series import SeriesOrder, seconds_since_midnight
 from radioloc.estimation.statistics import FitStatistics, Residuals
+from radioloc.estimation.status import Doubt, FitStatus
 from radioloc.estimation.time_correlation import estimated_covariance
 from radioloc.labels import Labels
 from radioloc.lunar.local import local_difference
@@ -26,7 +26,6 @@ from radioloc.lunar.selenographic import cartesian_to_selenographic
 from radioloc.parameters.parameter import Parameter, ParameterSet, Role
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.results.solution import Solution
-from radioloc.targets.doubts import Doubt
 from radioloc.time import Epochs
 from radioloc.vectors import Floats
 

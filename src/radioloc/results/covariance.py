@@ -18,10 +18,11 @@ import numpy as np
 
 from radioloc.estimation.consider import NOISE, ErrorSource, by_source
 from radioloc.estimation.statistics import finite_or_none
+from radioloc.lunar.local import EAST_NORTH_UP
 from radioloc.results.cards import Card, Field, metres, table
 from radioloc.results.names import error_name, source_name
 from radioloc.results.result import Content, Result
-from radioloc.targets.orbit_state import ALONG_ACROSS_RADIAL, EAST_NORTH_UP, RTN, OrbitState
+from radioloc.targets.orbit_state import ALONG_ACROSS_RADIAL, RTN, OrbitState
 from radioloc.time import utc_strings
 from radioloc.vectors import Floats
 

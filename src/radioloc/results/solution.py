@@ -25,7 +25,6 @@ from radioloc.estimation.consider import (
 )
 from radioloc.estimation.consistency import Consistency
 from radioloc.estimation.gauss_markov import SeriesWeight, TimeCorrelation
-from radioloc.estimation.least_squares import FitStatus
 from radioloc.estimation.observability import Observability
 from radioloc.estimation.shared_observations import sample_of
 from radioloc.estimation.statistics import (
@@ -34,6 +33,8 @@ from radioloc.estimation.statistics import (
     finite_or_none,
     read_only,
 )
+from radioloc.estimation.status import FitStatus
+from radioloc.lunar.local import EAST_NORTH_UP
 from radioloc.lunar.position import LunarPosition
 from radioloc.lunar.selenographic import cartesian_to_selenographic, east_north_up
 from radioloc.parameters.parameter import ParameterSet
@@ -41,7 +42,7 @@ from radioloc.results.cards import Card
 from radioloc.results.result import Content, OrbitFile, Result
 from radioloc.results.tables import by_axis, finite, place_record, residual_table
 from radioloc.tables import TableForm, as_table
-from radioloc.targets.orbit_state import EAST_NORTH_UP, OrbitState
+from radioloc.targets.orbit_state import OrbitState
 from radioloc.units import set_fields
 from radioloc.vectors import Floats
 

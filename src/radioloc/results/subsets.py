@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.estimation.combination import Agreement, PositionEstimate, agreement
 from radioloc.estimation.statistics import chi2_quantile, finite_or_none
+from radioloc.lunar.local import EAST_NORTH_UP
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.link import Link
 from radioloc.parameters.parameter import Parameter
@@ -51,7 +52,7 @@ from radioloc.results.tables import (
     residual_table,
 )
 from radioloc.tables import TableForm, as_table
-from radioloc.targets.orbit_state import EAST_NORTH_UP, RTN, OrbitState
+from radioloc.targets.orbit_state import RTN, OrbitState
 from radioloc.time import utc_strings
 
 _MAX_ARC_COLUMNS = 2  # arcs side by side within the width of a terminal

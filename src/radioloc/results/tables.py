@@ -18,13 +18,12 @@ from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.errors import InputError, visible
 from radioloc.estimation.combination import Ellipse, horizontal_ellipse
 from radioloc.estimation.statistics import Residuals, finite_or_none
-from radioloc.lunar.local import local_difference
+from radioloc.lunar.local import EAST_NORTH_UP, local_difference
 from radioloc.lunar.selenographic import selenographic_to_cartesian
 from radioloc.results.cards import Field, metres, sigma_text, value_text
 from radioloc.results.names import parameter_name
 from radioloc.results.recorded import check_solution
 from radioloc.results.result import Result, Table
-from radioloc.targets.orbit_state import EAST_NORTH_UP
 from radioloc.text_files import require_ending, spreadsheet_cell, write_text
 from radioloc.vectors import Floats
 

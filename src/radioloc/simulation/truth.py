@@ -18,7 +18,7 @@ from radioloc.dynamics import AdjustableOrbit
 from radioloc.ephemeris.trajectory import AnyTrajectory
 from radioloc.errors import InputError
 from radioloc.lunar import rot_pa_to_me
-from radioloc.lunar.local import rot_pa_to_enu
+from radioloc.lunar.local import EAST_NORTH_UP, rot_pa_to_enu
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.predictor import Prediction, Predictor, blocks
 from radioloc.measurements.target_motion import FixedPoint, TargetMotion, TrajectoryMotion
@@ -30,7 +30,6 @@ from radioloc.parameters.registry import PARAMETERS
 from radioloc.quantities import accepts_quantities
 from radioloc.simulation.noise import generator
 from radioloc.targets.design import DesignMatrix, ObservationModel
-from radioloc.targets.orbit_state import EAST_NORTH_UP
 from radioloc.targets.registry import TargetDescription
 from radioloc.targets.surface_point import SurfacePoint, cartesian
 from radioloc.time import epochs_from_strings, utc_to_tai

@@ -4,8 +4,9 @@ A :class:`Target` has its parameters, its motion as a function of them, and its 
 kinds of other packages.
 """
 
+from radioloc.estimation.status import Doubt
 from radioloc.targets.descent import Descent
-from radioloc.targets.doubts import Doubt, place_doubts
+from radioloc.targets.doubts import place_doubts
 from radioloc.targets.known_trajectory import KnownTrajectory
 from radioloc.targets.orbit import TargetOrbit
 from radioloc.targets.orbit_state import OrbitState

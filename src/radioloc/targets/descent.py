@@ -9,14 +9,15 @@ import numpy as np
 
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.dynamics import AdjustableOrbit
+from radioloc.estimation.status import Doubt
 from radioloc.lunar import cartesian_to_selenographic, east_north_up
-from radioloc.lunar.local import rot_pa_to_enu
+from radioloc.lunar.local import EAST_NORTH_UP, rot_pa_to_enu
 from radioloc.measurements.lunar_motion import lunar_motion
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.parameters.parameter import Parameter, Role
-from radioloc.targets.doubts import Doubt, FittedObservations, cut_off_doubts, height_doubts
+from radioloc.targets.doubts import FittedObservations, cut_off_doubts, height_doubts
 from radioloc.targets.orbit import GravityErrors, OnOrbit
-from radioloc.targets.orbit_state import EAST_NORTH_UP, OrbitState
+from radioloc.targets.orbit_state import OrbitState
 from radioloc.targets.surface_point import PositionFunction, PositionParameters
 from radioloc.time import Epochs
 from radioloc.vectors import Floats

@@ -6,7 +6,6 @@ of the near side. Without these checks points that no station sees converge (`te
 
 from __future__ import annotations
 
-import enum
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -14,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.constants import LUNAR_HEIGHT_LIMITS_M, MEAN_LUNAR_RADIUS_M
+from radioloc.estimation.status import Doubt, FitStatus
 from radioloc.lunar.visibility import earth_elevation_rad
 from radioloc.measurements.predictor import Predictor
 from radioloc.time import tt_to_tdb, utc_to_tt
@@ -26,27 +26,6 @@ _SAMPLED_EPOCH_COUNT = 100  # The Earth moves in a point's sky with the libratio
 _MIN_CUT_OFF_COUNT, _MIN_CUT_OFF_FRACTION = 8, 0.05
 """Fewest first or last observations of an orbit, and their least fraction, that are a doubt where all are outliers."""
 _MAX_MANOEUVRE_M_S = 200.0  # Change of a round-trip range rate; counts without lock are off by more
-
-
-class FitStatus(enum.StrEnum):
-    """End of a fit, and whether its estimate can be used; the value is shown to users."""
-
-    CONVERGED = "converged"
-    MAX_ITERATIONS = "not converged: iteration limit reached"
-    DIVERGED = "not converged: no step lowers the sum of squares"
-    UNOBSERVABLE = "not observable: the data do not determine every parameter"
-    UNSETTLED = "not converged: the editing did not settle"
-    HIDDEN = "not converged: a used station cannot see the point"
-    OFF_THE_MOON = "not converged: a height that the Moon does not have"
-    MISFIT = "not converged: the observations do not fit the model"
-
-
-@dataclass(frozen=True, slots=True)
-class Doubt:
-    """Reason why an estimate cannot be used: a status, and a sentence with numbers."""
-
-    status: FitStatus
-    reason: str
 
 
 @dataclass(frozen=True, slots=True, eq=False)

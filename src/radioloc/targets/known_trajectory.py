@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from radioloc.ephemeris.trajectory import AnyTrajectory
+from radioloc.lunar.local import EAST_NORTH_UP
 from radioloc.measurements.target_motion import TrajectoryMotion
 from radioloc.parameters.parameter import Parameter, Role
 from radioloc.targets.doubts import FittedObservations
-from radioloc.targets.orbit_state import EAST_NORTH_UP
 from radioloc.targets.surface_point import cartesian
 from radioloc.targets.target import WithoutForces
 from radioloc.time import Epochs

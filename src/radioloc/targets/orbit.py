@@ -11,9 +11,10 @@ import numpy as np
 from radioloc.dynamics import STATE, AdjustableOrbit
 from radioloc.dynamics.elements import FORMS, elements_from_state, state_with_partials
 from radioloc.dynamics.gravity_errors import draw_gravity_errors, gravity_perturbations
+from radioloc.estimation.status import Doubt
 from radioloc.measurements.target_motion import OrbitMotion
 from radioloc.parameters.parameter import Parameter, Role
-from radioloc.targets.doubts import Doubt, FittedObservations, cut_off_doubts
+from radioloc.targets.doubts import FittedObservations, cut_off_doubts
 from radioloc.targets.orbit_state import ALONG_ACROSS_RADIAL, OrbitState, along_across_radial
 from radioloc.targets.surface_point import PositionFunction, PositionParameters
 from radioloc.targets.target import ProcessNoise, solve_parameters

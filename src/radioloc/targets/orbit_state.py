@@ -20,9 +20,8 @@ from radioloc.time import Epochs, utc_strings
 from radioloc.vectors import Floats, rtn_axes
 
 RTN = ("radial", "along", "across")
-EAST_NORTH_UP = ("east", "north", "up")
 ALONG_ACROSS_RADIAL = ("along", "across", "radial")
-"""Axes of errors of a place and of an orbit, of which the first two are horizontal."""
+"""Axes of errors of an orbit, of which the first two are horizontal, as of a place."""
 LOCAL_LEVEL = [
     1,
     2,

@@ -11,13 +11,13 @@ import numpy as np
 
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.ephemeris import EphemerisConstants
+from radioloc.estimation.status import Doubt
 from radioloc.lunar import TerrainModel, cartesian_to_selenographic, east_north_up, rot_pa_to_me
-from radioloc.lunar.local import rot_pa_to_enu
+from radioloc.lunar.local import EAST_NORTH_UP, rot_pa_to_enu
 from radioloc.lunar.terrain import height_and_gradient
 from radioloc.measurements.target_motion import FixedPoint
 from radioloc.parameters.parameter import Parameter, Role
-from radioloc.targets.doubts import Doubt, FittedObservations, place_doubts
-from radioloc.targets.orbit_state import EAST_NORTH_UP
+from radioloc.targets.doubts import FittedObservations, place_doubts
 from radioloc.targets.target import WithoutForces, solve_parameters
 from radioloc.time import Epochs
 from radioloc.vectors import Floats

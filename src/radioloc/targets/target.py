@@ -9,9 +9,10 @@ import numpy as np
 
 from radioloc.dynamics import AdjustableOrbit
 from radioloc.errors import InputError
+from radioloc.estimation.status import Doubt
 from radioloc.measurements.target_motion import TargetMotion
 from radioloc.parameters.parameter import Parameter
-from radioloc.targets.doubts import Doubt, FittedObservations
+from radioloc.targets.doubts import FittedObservations
 from radioloc.targets.orbit_state import OrbitState
 from radioloc.time import Epochs
 from radioloc.vectors import Floats

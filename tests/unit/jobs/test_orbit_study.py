@@ -13,7 +13,7 @@ import radioloc
 from radioloc.dynamics import Forces, GravityField, draw_gravity_errors, propagate
 from radioloc.dynamics.elements import FORMS, elements_from_state, equatorial_axes
 from radioloc.errors import InputError
-from radioloc.estimation.least_squares import FitStatus
+from radioloc.estimation import FitStatus
 from radioloc.measurements import ExactPredictor, OrbitMotion
 from radioloc.study.orbit_choice import OrbitChoice
 from radioloc.study.orbiter import Orbiter

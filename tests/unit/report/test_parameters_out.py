@@ -10,7 +10,7 @@ from paths import EXAMPLES
 import radioloc
 from radioloc.cli import main
 from radioloc.errors import ConvergenceError, InputError
-from radioloc.estimation.least_squares import FitStatus
+from radioloc.estimation import FitStatus
 from radioloc.io import write_sinex
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.report.error_figures import plot_correlations

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from toy_moon import ToyMoon, toy_solution
 
+from radioloc.estimation import FitStatus
 from radioloc.estimation.adaptation import AdaptedEstimate
 from radioloc.estimation.combination import Agreement
 from radioloc.estimation.consistency import Consistency, Inconsistency
 from radioloc.results.build import compare_with, with_findings
 from radioloc.results.comparison import significant_pairs
 from radioloc.results.fit_card import inconsistent
-from radioloc.targets.doubts import FitStatus
 
 
 def test_the_largest_of_many_differences_needs_a_smaller_chance():

@@ -70,10 +70,10 @@ class Calibration:
 
     @property
     def is_within(self) -> bool:
-        """Whether all numbers are within their bounds."""
+        """True if all numbers are within their bounds."""
         low, high = nees_bounds(self.count)
-        inside = [first <= part <= last for part, (first, last) in zip(self.held, self.bounds, strict=True)]
-        return low <= self.nees <= high and all(inside)
+        fractions = zip(self.held, self.bounds, strict=True)
+        return low <= self.nees <= high and all(first <= part <= last for part, (first, last) in fractions)
 
     @property
     def bounds(self) -> list[tuple[float, float]]:
@@ -166,22 +166,22 @@ def draw_figure(results: Sequence[Calibration], file: Path) -> None:
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9.0, 1.2 + 0.17 * len(results)), layout="constrained")
-    left, right = figure.subplots(1, 2, sharey=True)
+    nees_panel, held_panel = figure.subplots(1, 2, sharey=True)
     places = np.arange(len(results))
-    left.axvline(1.0, color="0.5", lw=0.8)
+    nees_panel.axvline(1.0, color="0.5", lw=0.8)
     low, high = np.array([nees_bounds(item.count) for item in results]).T
-    left.barh(places, high - low, left=low, height=0.9, color="#3b6fb6", alpha=0.15)
-    left.plot([item.nees for item in results], places, "o", ms=4, color="#3b6fb6")
-    left.set(xlabel="mean NEES over its degrees of freedom", ylim=(len(results) - 0.5, -0.5))
-    left.set_yticks(places, [item.cell.name for item in results], fontsize=7)
+    nees_panel.barh(places, high - low, left=low, height=0.9, color="#3b6fb6", alpha=0.15)
+    nees_panel.plot([item.nees for item in results], places, "o", ms=4, color="#3b6fb6")
+    nees_panel.set(xlabel="mean NEES over its degrees of freedom", ylim=(len(results) - 0.5, -0.5))
+    nees_panel.set_yticks(places, [item.cell.name for item in results], fontsize=7)
     for k, colour in enumerate(("#3b6fb6", "#c2573a")):
-        right.axvline(100.0 * LEVELS[k], color=colour, lw=0.8)
+        held_panel.axvline(100.0 * LEVELS[k], color=colour, lw=0.8)
         low, high = 100.0 * np.array([item.bounds[k] for item in results]).T
-        right.barh(places, high - low, left=low, height=0.9, color=colour, alpha=0.15)
+        held_panel.barh(places, high - low, left=low, height=0.9, color=colour, alpha=0.15)
         held = [100.0 * item.held[k] for item in results]
-        right.plot(held, places, "o", ms=4, color=colour, label=f"stated {100.0 * LEVELS[k]:.0f} %")
-    right.set(xlabel="truth inside of the region, %", xlim=(40.0, 101.0))
-    right.legend(fontsize=8)
+        held_panel.plot(held, places, "o", ms=4, color=colour, label=f"stated {100.0 * LEVELS[k]:.0f} %")
+    held_panel.set(xlabel="truth inside of the region, %", xlim=(40.0, 101.0))
+    held_panel.legend(fontsize=8)
     figure.savefig(file, dpi=100)
 
 

@@ -163,15 +163,15 @@ DSN_WHITE = NoiseModel({"range": Noise(white_m=RANGE_M), "doppler": Noise(white_
 
 def calibration_cells() -> list[Cell]:
     """Return the cells of this module."""
-    little, much = stations_last(0.38, 0.15, 0.1), stations_last(0.2, 0.1, 0.25)
+    small, large = stations_last(0.38, 0.15, 0.1), stations_last(0.2, 0.1, 0.25)
     shared = [
         Cell(f"VLBI, {name}, {hours:g} h", partial(shared_by_stations, hours, *arguments))
         for name, arguments in {
             "shared errors stated": (stations_last(0.38, 0.18, 0.0), 0.38, 0.18),
-            "lasting errors of stations": (little, 0.457),
-            "lasting errors of stations, stated": (little, 0.38, 0.18),
-            "large lasting errors of stations": (much, 0.43),
-            "large lasting errors of stations, stated": (much, 0.2, 0.27),
+            "lasting errors of stations": (small, 0.457),
+            "lasting errors of stations, stated": (small, 0.38, 0.18),
+            "large lasting errors of stations": (large, 0.43),
+            "large lasting errors of stations, stated": (large, 0.2, 0.27),
         }.items()
         for hours in (24.0, 48.0)
     ]

@@ -36,6 +36,7 @@ from radioloc.study.identity import spacecraft_doubts
 from radioloc.study.record import plain, study_origin, versions
 from radioloc.study.study import EstimateChoice, Study, TerrainPrior
 from radioloc.targets.design import orbits_of
+from radioloc.time import utc_strings
 
 _EQUATOR_M_S = 465.1  # Speed of a station on the Earth's equator
 _MIN_ROUGHNESS_RATIO = 1.5  # Ratio of sigmas from the roughness at two positions that a note reports
@@ -358,6 +359,7 @@ def _estimate_record(estimate: EstimateChoice) -> dict[str, Any]:
     keys = "position", "ephemeris_sigma_m", "rejection_sigma", "weights", "variance_components", "pass_gap_h"
     return {
         **{key: getattr(estimate, key) for key in keys},
+        "clock_epoch": None if estimate.clock_epoch is None else utc_strings(estimate.clock_epoch, 9)[0],
         "height_prior": prior,
         "process_noise": None if noise is None else asdict(noise),
         **dict.fromkeys(PARAMETERS, "none"),

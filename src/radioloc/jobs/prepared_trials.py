@@ -49,6 +49,7 @@ from radioloc.results.monte_carlo import MonteCarlo
 from radioloc.simulation import World
 from radioloc.simulation.noise import NoiseDraws
 from radioloc.study.study import EstimateChoice, Study
+from radioloc.time import epochs_from_strings
 
 _Floats = NDArray[np.float64]
 
@@ -115,7 +116,9 @@ class Prepared:
         observations = replace(study.observations, hours=hours[-1])
         whole_study = replace(study, reference=None, references=(), observations=observations)
         longest, _, rows = planned_arc(whole_study, world.plan.observations, model, orbits)
-        study = replace(study, reference=None)
+        # Clocks of the world and of the fits refer to one epoch.
+        clock_epoch = study.estimate.clock_epoch or epochs_from_strings([scenario.clock_epoch_utc], "UTC")
+        study = replace(study, reference=None, estimate=replace(study.estimate, clock_epoch=clock_epoch))
         parts = arc_parts(EstimationProblem.of(study, longest, study.estimate), reversed(hours))
         truths, targets = {item.name: item for item in world.targets}, []
         fitted = parts[0].problem.model

@@ -32,11 +32,13 @@ from radioloc.parameters.columns import Columns
 from radioloc.parameters.considered import resolved
 from radioloc.parameters.parameter import Parameter, ParameterSet, Role
 from radioloc.parameters.registry import PARAMETERS
+from radioloc.parameters.rows import middle_of
 from radioloc.study.orbit_choice import ProcessNoise
 from radioloc.study.study import EstimateChoice, Study
 from radioloc.targets.design import DesignMatrix, ObservationModel
 from radioloc.targets.orbit_state import OrbitState
 from radioloc.targets.target import Target
+from radioloc.time import tai_to_utc, utc_to_tai
 
 _EPHEMERIS_KINDS = ("moon_position", "moon_position_variation", "libration", "libration_variation")
 Kinds = list[tuple[Columns, list[Parameter]]]
@@ -98,6 +100,7 @@ class EstimationProblem:
         """Assemble the problem of a study's arc, by default with the stated noise; nothing is estimated here."""
         if estimate is not None:
             estimate = with_independent_clocks(study, estimate, arc)
+            estimate = with_clock_epoch(estimate, arc)
         observations = arc.observations
         choice = study.estimate.without_estimates() if estimate is None else estimate
         considered = ConsideredParameters.of(study, arc, estimate)
@@ -202,7 +205,19 @@ def observation_model(
     ]
     considered = considered or []
     model = ObservationModel.of(arc, targets, [*kinds, *considered])
+    if choice.clock_epoch is not None:
+        model = replace(model, reference=utc_to_tai(choice.clock_epoch))
     return replace(model, considered_kinds=len(considered))
+
+
+def with_clock_epoch(estimate: EstimateChoice, arc: Predictor) -> EstimateChoice:
+    """Return an estimate with an epoch of its clocks, by default the middle of the arc; parts of the arc keep it.
+
+    A-priori sigmas of offsets and rates at one epoch are another covariance at another one.
+    """
+    if estimate.clock_epoch is not None or not len(arc.observations):
+        return estimate
+    return replace(estimate, clock_epoch=tai_to_utc(middle_of(arc.observations)))
 
 
 def with_weights(
@@ -234,7 +249,8 @@ def _errors_of(kinds: Kinds, model: ObservationModel, x: NDArray[np.float64]) ->
     """Return considered parameters with their partials at the parameters x of a model; None of no kinds."""
     if not kinds:
         return None
-    errors, motions = ObservationModel.of(model.predictor, (), kinds), model.motions(x)
+    errors = replace(ObservationModel.of(model.predictor, (), kinds), reference=model.reference)
+    motions = model.motions(x)
     prediction, residual_m = model.predictor.at(motions), np.zeros(0)  # residuals are not asked for
     design = DesignMatrix(errors, prediction, motions, errors.parameters.prior_values, residual_m)
     return ConsideredErrors(errors.parameters, design.partials)

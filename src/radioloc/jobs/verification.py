@@ -23,6 +23,7 @@ from radioloc.results.result import Result
 from radioloc.study.record import study_origin, versions
 from radioloc.study.schema import run_study_file
 from radioloc.study.study_file import read_study
+from radioloc.time import epochs_from_strings
 
 _TOLERANCE_SIGMAS = 1e-3
 """Tolerance of values in sigmas, and relative tolerance of sigmas: above the rounding of other processors and
@@ -147,11 +148,17 @@ def _repeated(path: Path, recorded: Mapping[str, Any], file: str | Path | None) 
     full_study, hours = read_study(study_file), origin.get("hours")
     study = replace(full_study, observations=replace(full_study.observations, hours=hours))
     _require_unchanged(problem, origin, study_origin(study))
+    estimate = recorded.get("estimate")
+    if estimate is not None and estimate.get("clock_epoch"):  # of a whole arc, of which this may be a part
+        clock_epoch = epochs_from_strings([estimate["clock_epoch"]], "UTC")
+        full_study, study = (
+            replace(item, estimate=replace(item.estimate, clock_epoch=clock_epoch))
+            for item in (full_study, study)
+        )
     if hours != full_study.observations.hours:
         return arcs(full_study, [hours]).arcs[0].solution.to_dict()
     arc, left_out = prepared_arc(study)
-    estimate = None if recorded.get("estimate") is None else study.estimate
-    return fit_arc(study, arc, left_out, estimate).to_dict()
+    return fit_arc(study, arc, left_out, None if estimate is None else study.estimate).to_dict()
 
 
 def _require_unchanged(problem: str, recorded: Mapping[str, Any], origin: Mapping[str, Any]) -> None:

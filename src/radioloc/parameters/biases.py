@@ -120,7 +120,7 @@ FREQUENCY_RATE = replace(
     FREQUENCY_OFFSET,
     name="frequency_rate",
     unit="1/s",
-    description="drift of the frequency offset, about its value at the reference epoch, the middle of the arc",
+    description="drift of the frequency offset, about its value at the epoch of the clocks",
     partials=lambda rows: _offset(rows) * rows.elapsed_s[:, None, None],
     scale=1e-14,
     considered=None,

@@ -92,7 +92,7 @@ CLOCK_RATE = replace(
     CLOCK,
     name="clock_rate",
     unit="s/s",
-    description="rate of a station's clock, about the offset at the reference epoch, the middle of the arc",
+    description="rate of a station's clock, about the offset at the epoch of the clocks",
     partials=_rate,
     acts_on=lambda rows: (~rows.two_way)[:, None] & (rows.ends >= 0),
     scale=1e-5 / C_M_S,
@@ -120,7 +120,7 @@ TARGET_FREQUENCY_RATE = replace(
     TARGET_FREQUENCY,
     name="target_frequency_rate",
     unit="1/s",
-    description="drift of that frequency offset, about its value at the reference epoch, the middle of the arc",
+    description="drift of that frequency offset, about its value at the epoch of the clocks",
     partials=_target_drift,
     scale=1e-9 / C_M_S,
 )

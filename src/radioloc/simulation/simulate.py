@@ -35,7 +35,7 @@ from radioloc.simulation.truth import (
 )
 from radioloc.simulation.visibility import direction_of
 from radioloc.targets.registry import TargetDescription
-from radioloc.time import Epochs, epochs_from_strings, utc_strings
+from radioloc.time import Epochs, tai_to_utc, utc_strings, utc_to_tai
 from radioloc.vectors import Floats
 
 
@@ -196,6 +196,11 @@ class Scenario:
             return dict(self.position)
         return {self.name: self.position}
 
+    @property
+    def clock_epoch_utc(self) -> str:
+        """Epoch of the drawn offsets of clocks and frequencies with rates, by default the middle of the sessions."""
+        return self.truth_sigma.clock_epoch_utc or _middle_utc(self.schedule)
+
     def world(self, model: PhysicalModel) -> World:
         """Compute the world without noise, for a nominal model; errors are those of :func:`simulate`."""
         targets = tuple(self._target(name, record, model) for name, record in self.targets.items())
@@ -212,10 +217,9 @@ class Scenario:
         )
         prediction = predictor.at()
         _require_usable(predictor, prediction)
-        starts = [session.start_utc for session in self.schedule.sessions]
-        start = min(starts, key=lambda date: epochs_from_strings(date, "UTC").mjd[0])
-        added_m, errors = fixed_errors(self.truth, predictor, prediction, targets, start)
-        drawn = drawn_errors(self.truth_sigma, predictor, prediction, targets, start)
+        middle = _middle_utc(self.schedule)
+        added_m, errors = fixed_errors(self.truth, predictor, prediction, targets, middle)
+        drawn = drawn_errors(self.truth_sigma, predictor, prediction, targets, middle)
         # One set of drawn fields acts on all orbits.
         effects_m = [
             _gravity_effects_m(predictor, motions, k, item.with_gravity_errors)
@@ -284,6 +288,13 @@ def simulate(
     """
     scenario = Scenario(schedule, target, truth or Truth(), noise or NoiseModel(), seed=seed, name=name)
     return scenario.world(model).draw()
+
+
+def _middle_utc(schedule: Schedule) -> str:
+    """Return the epoch halfway between the start of the first session and the stop of the last."""
+    ends = utc_to_tai(schedule.span())
+    middle = ends[:1].shifted(0.5 * ends[1:].seconds_since(ends[:1]))
+    return str(utc_strings(tai_to_utc(middle), 9)[0])
 
 
 def _require_usable(predictor: Predictor, prediction: Prediction) -> None:

@@ -64,7 +64,7 @@ class Truth:
     values: Mapping[str, ParameterChoice]  # errors by kind of parameter
     terms_on: tuple[str, ...]  # terms (TERMS) of the world that the model lacks
     terms_off: tuple[str, ...]  # terms of the model that the world lacks
-    # Epoch of the offsets of clocks and frequencies with a rate; the start of the first session if None.
+    # Epoch of the offsets of clocks and frequencies with a rate; the middle of the sessions if None.
     clock_epoch_utc: str | None
 
     @accepts_quantities
@@ -209,15 +209,15 @@ class TrueTarget:
 
 
 def fixed_errors(
-    truth: Truth, predictor: Predictor, at: Prediction, targets: Sequence[TrueTarget], start_utc: str
+    truth: Truth, predictor: Predictor, at: Prediction, targets: Sequence[TrueTarget], middle_utc: str
 ) -> tuple[dict[str, Floats], dict[str, float]]:
     """Return effects of the truth on each observation, m, by kind of parameter, and its errors by parameter."""
-    # Rates refer to `start_utc` if the truth has no epoch.
+    # Rates refer to `middle_utc` if the truth has no epoch.
     points = [
         SurfacePoint("", *cartesian(item.position_pa_m, role=Role.FIXED, name=item.position_name))
         for item in targets
     ]
-    design = _design(truth.values, predictor, at, points, truth.clock_epoch_utc or start_utc)
+    design = _design(truth.values, predictor, at, points, truth.clock_epoch_utc or middle_utc)
     parameters = design.model.parameters
     added = {item.kind.name: np.zeros(len(predictor.observations)) for item in design.model.columns}
     if added:
@@ -234,11 +234,11 @@ def drawn_errors(
     predictor: Predictor,
     at: Prediction,
     targets: Sequence[TrueTarget],
-    start_utc: str,
+    middle_utc: str,
 ) -> DrawnErrors:
     """Return drawn errors with their partials at the true positions."""
     points = [_displaceable(item, sigma.position_enu_m) for item in targets]
-    design = _design(sigma.sigmas, predictor, at, points, sigma.clock_epoch_utc or start_utc)
+    design = _design(sigma.sigmas, predictor, at, points, sigma.clock_epoch_utc or middle_utc)
     drawn = np.flatnonzero(design.x)
     partials = np.zeros((len(drawn), len(predictor.observations)))
     if len(drawn):

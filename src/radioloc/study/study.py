@@ -43,6 +43,7 @@ from radioloc.study.orbiter import Orbiter
 from radioloc.study.schema import TomlTable, check, entry, names_of
 from radioloc.targets.position_prior import PositionPrior
 from radioloc.targets.registry import TargetDescription
+from radioloc.time import Epochs
 from radioloc.units import set_fields
 
 WEIGHTS = ("independent", "correlated")
@@ -136,6 +137,9 @@ class EstimateChoice:
         that differ significantly; each link; or each link and pass.
     pass_gap_h : float
         Shortest gap between two passes of a station.
+    clock_epoch : Epochs or None
+        Epoch to which offsets of clocks and frequencies with rates, and their a-priori sigmas, refer, UTC; the middle
+        of the arc by default.
     position_priors : tuple of PositionPrior
         A-priori positions with their covariance, of positions on maps; the study sets them.
     orbit : OrbitChoice or None
@@ -163,6 +167,7 @@ class EstimateChoice:
     )
     variance_components: str = entry("type", choices=COMPONENTS)
     pass_gap_h: float = entry(PASS_GAP_H, positive=True)
+    clock_epoch: Epochs | None = entry(None, moment=True)
     orbit: OrbitChoice | None = None
     position_priors: tuple[PositionPrior, ...] = entry((), keys=(), read=lambda *_: None)
     parameters: Mapping[str, ParameterChoice] = entry(factory=dict, keys=PARAMETER_KEYS, read=read_parameters)
@@ -197,7 +202,7 @@ class EstimateChoice:
             name: ParameterChoice(value=choice.value, per=choice.per)
             for name, choice in self.parameters.items()
         }
-        return EstimateChoice(position="none", parameters=values)
+        return EstimateChoice(position="none", clock_epoch=self.clock_epoch, parameters=values)
 
     def restricted_to(self, part: Predictor) -> EstimateChoice:
         """Return the choice for a part of an arc, without members that lack observations."""

@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 from offset_moon import changed_model
 
+from radioloc import Study
 from radioloc.constants import C_M_S
 from radioloc.errors import InputError, StationError
+from radioloc.jobs.prepared_trials import Prepared
 from radioloc.lunar.position import LunarPosition
 from radioloc.simulation import (
     Masks,
@@ -106,7 +108,9 @@ def test_clock_rate_lengthens_a_time_of_flight_for_each_time_tag(tag, lander, la
         [Session("range", two_way("KASHI"), START, "2020-12-01T16:11", 3600, 1.0, time_tag=tag)]
     )
     plain = simulate(schedule, lander, model=model).observations
-    drifting = simulate(schedule, lander, Truth(clock_rate_s_s={"KASHI": 1e-9}), model=model)
+    drifting = simulate(
+        schedule, lander, Truth(clock_rate_s_s={"KASHI": 1e-9}, clock_epoch_utc=START), model=model
+    )
     since_s = (plain.epoch.mjd - plain.epoch.mjd[0]) * 86400.0
     moved_m = compute(model, plain, lander_pa_m).by_time_m_s * 1e-9 * since_s * (tag != "bounce")
     np.testing.assert_allclose(drifting.added_m["clock_rate"], 1e-9 * plain.value_m - moved_m, rtol=1e-6)
@@ -220,3 +224,19 @@ def test_drawn_errors_have_their_sigma(drawn):
     # The standard deviation of 400 unit normals is within 16 % (all but 1e-5).
     np.testing.assert_allclose(errors.std(axis=0), 1.0, atol=0.16)
     assert np.abs(np.corrcoef(errors.T) - np.eye(len(drawn.names))).max() < 0.25
+
+
+def test_clocks_of_trials_and_fits_refer_to_one_epoch(lander, model):
+    """A-priori sigmas of an offset and a rate at the middle of two days are another covariance at their start."""
+    sessions = [Session("vlbi_delay", baselines("SESHAN25", "URUMQI"), START, STOP, 3600.0, 1.0)]
+    sigma = TruthSigma(clock_s={"URUMQI": 1e-10}, clock_rate_s_s={"URUMQI": 1e-15})
+    study = Study(target=lander, simulation=Scenario(Schedule(sessions), lander, truth_sigma=sigma))
+    ready = Prepared.of(study, (6.0, 12.0))
+    drawn = ready.world.drawn.rows(ready.rows)
+    rates = drawn.partials[drawn.names.index("clock_rate.URUMQI")]
+    for part in ready.parts:
+        fitted = part.problem.model
+        column = fitted.parameters.names.index("clock_rate.URUMQI")
+        x = fitted.parameters.prior_values
+        partials = fitted.linearize(x).partials(np.arange(len(part.rows)))[:, column]
+        np.testing.assert_allclose(partials, rates[part.rows], rtol=0.0, atol=1e-3 * np.abs(rates).max())

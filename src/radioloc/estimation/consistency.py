@@ -12,7 +12,7 @@ Probabilities are multiplied by the number of tests (Bonferroni correction).
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -23,10 +23,11 @@ from radioloc.estimation.adaptation import AdaptedEstimate, adapted_estimate
 from radioloc.estimation.consider import ConsideredErrors
 from radioloc.estimation.editing import EditedFit
 from radioloc.estimation.gauss_markov import TimeCorrelation
-from radioloc.estimation.group_tests import BinnedProblem, Verdict, noise_of_each
+from radioloc.estimation.group_tests import BinnedProblem, Verdict, log_probability, noise_of_each
 from radioloc.estimation.least_squares import FitResult
 from radioloc.estimation.series import SeriesOrder
 from radioloc.estimation.time_correlation import mixed_units
+from radioloc.noise.whitening import Rows
 from radioloc.parameters.columns import PASS_GAP_H
 from radioloc.parameters.registry import parameter_label
 from radioloc.time import Epochs, utc_strings
@@ -46,7 +47,8 @@ _MIN_STEP_POINT_COUNT = 3  # points required on either side of a step
 class Inconsistency:
     """Consistency test of a group of observations or of an explanation, with its result."""
 
-    kind: str  # removed: "station", "link", "type", "pass"; estimated: "a priori", "jump", "offset"
+    # Removed: "station", "link", "type", "pass"; estimated: "a priori", "jump", "offset"; rejected: "run".
+    kind: str
     name: str  # station, link, type or parameter that is tested
     chi2: float  # test statistic
     dof: int
@@ -83,6 +85,8 @@ class Inconsistency:
             sentence = f"{self.name} jumps by {_length(value)} at {self.first_utc}"
         elif self.kind == "offset":
             sentence = f"{self.name} is off by {_length(value)}{period}"
+        elif self.kind == "run":
+            sentence = f"{self.dof} observations of {self.name}{period} are off by {value:+.3g} {self.unit}, rejected"
         elif self.kind == "a priori":
             sentence = self._wrong_prior()
         if self.shift_enu_m is None:
@@ -184,6 +188,35 @@ def assess_consistency(
         verdict = replace(test.verdict, estimate=problem.estimate[begin:width])
         findings.append(search.record(replace(test, verdict=verdict)))
     return Consistency(groups, tuple(findings), adapted_estimate(problem, fit) if findings else None)
+
+
+def rejected_runs(
+    edited: EditedFit,
+    order: SeriesOrder,
+    runs: Iterable[Rows],
+    epoch_utc: Epochs,
+    count_s: Floats | None,
+) -> Iterator[Inconsistency]:
+    """Yield a finding for each run of outliers; its amount is the mean residual, of counts in mm/s."""
+    for rows in runs:
+        residual_m, unit = edited.fit.residual_m[rows], "m"
+        chi2 = float(np.square(residual_m / edited.fit.sigma_m[rows]).sum())
+        if count_s is not None and np.isfinite(count_s[rows]).all():
+            residual_m, unit = 1e3 * residual_m / count_s[rows], "mm/s"
+        first_utc, last_utc = utc_strings(epoch_utc[rows[[0, -1]]], decimals=0)
+        yield Inconsistency(
+            "run",
+            order.series[order.code[rows[0]]].name,
+            chi2,
+            len(rows),
+            log_probability(chi2, len(rows)) / math.log(10.0),
+            None,
+            None,
+            {"": float(residual_m.mean())},
+            unit,
+            str(first_utc),
+            str(last_utc),
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -171,7 +171,7 @@ class _Fitted:
         problem, edited = self.problem, self.edited
         if problem.estimate is None:
             return []
-        doubts = [*misfits(edited, problem.noise.sigma_m, problem.order.types)]
+        doubts = [*misfits(edited, problem.noise.sigma_m, problem.order)]
         for k, target in enumerate(self.model.targets):
             fitted = FittedObservations(
                 self.model.predictor,

@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.estimation.editing import EditedFit
+from radioloc.estimation.series import SeriesOrder
 from radioloc.estimation.status import Doubt, FitStatus
 from radioloc.estimation.variance_components import mean_leverage
-from radioloc.labels import USED, Labels
+from radioloc.labels import USED
 from radioloc.measurements.registry import KINDS, is_integrated
 from radioloc.results.solution import Solution
 from radioloc.study.study import Study
@@ -28,27 +29,24 @@ radio ranges without any model of the troposphere."""
 _MIN_SIGMA_M = 0.01
 """Accuracy of modelled ranges and delays, to which smaller stated sigmas, as of laser ranges, are raised. Doppler has
 no such floor, as errors common to both ends of a count interval cancel."""
+_MAX_OUTLIER_FRACTION = 0.2
+"""Largest fraction of outliers of a station: blunders are a few per cent, more are an error of the station."""
+_MIN_OUTLIER_COUNT = 3  # fewer are blunders, whatever their fraction of few observations
 MAX_POSITION_SIGMA_M = 0.1 * MEAN_LUNAR_RADIUS_M
 """Largest sigma of a position with a meaningful error ellipse: the ground bends away from it by 9 km."""
 MAX_START_DISTANCE_M = 1e5
 """Largest distance of an estimate from the a-priori position within which all starts end at one place."""
 
 
-def misfits(edited: EditedFit, stated_m: NDArray[np.float64], types: Labels) -> Iterator[Doubt]:
-    """Doubt types with used residuals far beyond their stated sigmas (n,), or with more outliers than used values."""
-    fit = edited.fit
-    usable = edited.initial_status.are(USED)
+def misfits(edited: EditedFit, stated_m: NDArray[np.float64], order: SeriesOrder) -> Iterator[Doubt]:
+    """Doubt types with used residuals far beyond their stated sigmas (n,), and stations with many outliers."""
+    fit, types = edited.fit, order.types
+    yield from _rejected_stations(edited, order)
     free_part = mean_leverage(fit)
     beyond, floored = [], ""
     for name in types.present():
         rows = fit.used & types.are(name)
-        count, outliers = int(rows.sum()), int((usable & types.are(name)).sum() - rows.sum())
-        if outliers > count:
-            yield Doubt(
-                FitStatus.MISFIT,
-                f"{outliers} of {count + outliers} {name} observations are left out as outliers, more than half; "
-                "look for a wrong station, target or sign",
-            )
+        count = int(rows.sum())
         dof = count * (1.0 - free_part)
         if dof < 0.5:  # without redundancy it is zero but for rounding
             continue
@@ -68,6 +66,23 @@ def misfits(edited: EditedFit, stated_m: NDArray[np.float64], types: Labels) -> 
             "dynamics) or sign, for outliers among few observations, a term switched off, or a "
             "considered parameter to estimate",
         )
+
+
+def _rejected_stations(edited: EditedFit, order: SeriesOrder) -> Iterator[Doubt]:
+    """Doubt a type of observation of a station or baseline with many outliers."""
+    series_count = len(order.series)
+    outliers = np.bincount(order.code, edited.outliers, series_count)
+    usable = np.bincount(order.code, edited.initial_status.are(USED), series_count)
+    names = [f"{series.kind} observations of {'-'.join(sorted(series.signs))}" for series in order.series]
+    for name in dict.fromkeys(names):
+        codes = [code for code, series_name in enumerate(names) if series_name == name]
+        count, total = int(outliers[codes].sum()), int(usable[codes].sum())
+        if count >= _MIN_OUTLIER_COUNT and count > _MAX_OUTLIER_FRACTION * total:
+            yield Doubt(
+                FitStatus.MISFIT,
+                f"{count} of {total} {name} are rejected as outliers, more than {_MAX_OUTLIER_FRACTION:.0%}; correct "
+                "or exclude them, or look for a wrong station, target or sign",
+            )
 
 
 def mark_if_unobservable(solution: Solution) -> Solution:

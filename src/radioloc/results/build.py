@@ -13,8 +13,8 @@ from numpy.typing import ArrayLike, NDArray
 from radioloc.estimation.adaptation import MAX_SHIFT_SIGMAS
 from radioloc.estimation.combination import ReferenceComparison
 from radioloc.estimation.consider import UNMODELLED_ERROR, Consider, ConsideredErrors, reported
-from radioloc.estimation.consistency import assess_consistency
-from radioloc.estimation.editing import EditedFit
+from radioloc.estimation.consistency import assess_consistency, rejected_runs
+from radioloc.estimation.editing import EditedFit, outlier_runs, run_reasons, with_reasons
 from radioloc.estimation.observability import assess_observability
 from radioloc.estimation.series import SeriesOrder, seconds_since_midnight
 from radioloc.estimation.statistics import FitStatistics, Residuals
@@ -55,6 +55,9 @@ def build_solution(
     fit = edited.fit
     statuses = [fit.status if edited.complete else FitStatus.UNSETTLED, *(doubt.status for doubt in doubts)]
     types, paths = Labels.of(type), Labels.of(path)
+    if order is None:
+        order = SeriesOrder.of(types, paths, seconds_since_midnight(epoch_utc))
+    runs = outlier_runs(edited, order)
     residuals = Residuals(
         epoch_utc=epoch_utc,
         stations=Labels.of(station),
@@ -65,10 +68,8 @@ def build_solution(
         sigma_m=fit.sigma_m,
         elevation_deg=elevation_deg,
         count_s=count_s,
-        statuses=edited.status,
+        statuses=with_reasons(edited.status, run_reasons(edited, runs)),
     )
-    if order is None:
-        order = SeriesOrder.of(types, paths, seconds_since_midnight(epoch_utc))
     covariance, correlation = estimated_covariance(edited, order)
     estimate = reported(fit, covariance, considered)
     if correlation is not None:
@@ -108,6 +109,8 @@ def build_solution(
     if consistency:
         by_parameters = None if solution.trajectory is not None else solution.enu_by_parameters
         tests = assess_consistency(edited, order, correlation, epoch_utc, by_parameters, considered)
+        rejected = rejected_runs(edited, order, runs, epoch_utc, count_s)
+        tests = replace(tests, found=(*tests.found, *rejected))
         solution = with_findings(replace(solution, consistency=tests))
     return solution
 

@@ -3,8 +3,9 @@ import pytest
 from toy_moon import LANDER_M, ToyMoon
 
 from radioloc.errors import InputError
-from radioloc.estimation import USED, FitStatus, Parameter, ParameterSet, editing, fit_with_editing
+from radioloc.estimation import USED, FitStatus, Labels, Parameter, ParameterSet, editing, fit_with_editing
 from radioloc.estimation.least_squares import fit_least_squares
+from radioloc.estimation.series import SeriesOrder
 from radioloc.estimation.statistics import robust_scale
 
 FAR_OFF_M = np.array([3e4, -3e4, 2.5e4])  # 50 km
@@ -177,3 +178,20 @@ def test_three_of_ten_wrong_by_station(seed, counts, hours, wrong_of):
     edited = fit_with_editing(model.residual_function(observed_m), parameters, 0.02)
     np.testing.assert_array_equal(edited.status.are(USED), ~wrong)
     assert edited.converged
+
+
+def test_successive_outliers_of_a_series_are_a_run():
+    model = ToyMoon(210, 72.0)
+    observed_m = observations(model, 0.3)
+    of_b = np.flatnonzero(model.station == "B")
+    observed_m[of_b[30:38]] += 20.0
+    observed_m[of_b[45:49]] += [20.0, -20.0, 20.0, -20.0]
+    observed_m[[3, 60]] -= 15.0
+    edited = fit_with_editing(model.residual_function(observed_m), model.parameters(), 0.3)
+    order = SeriesOrder.of(Labels.of(["range"] * 210), Labels.of(model.station), model.time_s)
+    [run] = editing.outlier_runs(edited, order)
+    assert run.tolist() == of_b[30:38].tolist()
+    reasons = editing.run_reasons(edited, [run])
+    assert reasons.keys() == {*run.tolist()}
+    assert len({*reasons.values()}) == 1
+    assert edited.outliers.sum() == 14

@@ -77,7 +77,24 @@ def test_a_type_most_of_which_is_left_out_does_not_converge(tracking):
     twelve_hours = study(hours=12.0, consider_defaults=False)
     solution = radioloc.locate(twelve_hours, exchanged(tracking, "KASHI", "JIAMUSI"))
     assert solution.status is FitStatus.MISFIT
-    assert "range observations are left out as outliers, more than half" in solution.message
+    assert "range observations of KASHI are rejected as outliers" in solution.message
+
+
+@pytest.mark.parametrize(("count", "status"), [(12, FitStatus.MISFIT), (5, FitStatus.CONVERGED)])
+def test_a_run_of_outliers_is_named_and_much_of_a_station_is_a_misfit(tracking, count, status):
+    two_way = [link.transmitter == link.receiver == "NEUQUEN" for link in tracking.links]
+    rows = np.flatnonzero(np.array(two_way)[tracking.link])
+    rows = rows[np.argsort(tracking.epoch.fraction[rows] + tracking.epoch.jd[rows])][10 : 10 + count]
+    long = replace(tracking, value_m=tracking.value_m + 300.0 * np.isin(np.arange(len(tracking)), rows))
+    solution = radioloc.locate(study(), long)
+    assert solution.status is status
+    assert not solution.residuals.used[rows].any()
+    run = solution.consistency.found[0]
+    assert (run.kind, run.dof) == ("run", count)
+    assert "NEUQUEN" in run.name
+    assert run.amounts[""] == pytest.approx(300.0, abs=5.0)
+    if status is FitStatus.MISFIT:
+        assert "range observations of NEUQUEN are rejected as outliers" in solution.message
 
 
 def test_a_point_that_no_station_sees_does_not_converge(tracking):

@@ -2,9 +2,17 @@
 
 1. Each group (station, link, pass or type) is removed by additional parameters that absorb it. The test compares the
    estimates with and without the group.
-2. Explanations are tested by :mod:`~radioloc.estimation.group_tests`: a wrong a-priori value of a bias or a consider
-   parameter, a step of a link or station at the most likely epoch, an offset of a link in one pass or in all.
+2. Explanations (:mod:`~radioloc.estimation.hypotheses`) are tested by :mod:`~radioloc.estimation.group_tests`: errors
+   of a-priori values and of parameters that the fit holds at zero, steps and offsets.
 3. The most significant explanation becomes a parameter, and the tests are repeated until none is significant.
+
+Separability (Förstner 1983). Another explanation remains possible if the finding is not significant once the other
+is a parameter. Such explanations are one finding. Of causes of equal likelihood, the one with the smallest ratio of
+amount to a-priori sigma is named first.
+
+Noise that is determined from residuals contains the fault, so that a large fault may be less significant than a small
+one. The most significant explanation is therefore tested with the noise of the residuals after its estimation as well.
+That variance ratio follows Fisher's distribution, with the degrees of freedom of the noise.
 
 Probabilities are multiplied by the number of tests (Bonferroni correction).
 """
@@ -20,45 +28,58 @@ import numpy as np
 
 from radioloc.constants import C_M_S
 from radioloc.estimation.adaptation import AdaptedEstimate, adapted_estimate
-from radioloc.estimation.consider import ConsideredErrors
 from radioloc.estimation.editing import EditedFit
-from radioloc.estimation.gauss_markov import TimeCorrelation
-from radioloc.estimation.group_tests import BinnedProblem, Verdict, log_probability, noise_of_each
-from radioloc.estimation.least_squares import FitResult
+from radioloc.estimation.group_tests import (
+    BinnedProblem,
+    ScoreProducts,
+    Verdict,
+    estimate_change,
+    log_probability,
+    log_probability_of_ratio,
+)
+from radioloc.estimation.hypotheses import Family, Hypotheses, Hypothesis, Links, Span, passes
 from radioloc.estimation.series import SeriesOrder
 from radioloc.estimation.time_correlation import mixed_units
 from radioloc.noise.whitening import Rows
-from radioloc.parameters.columns import PASS_GAP_H
 from radioloc.parameters.registry import parameter_label
 from radioloc.time import Epochs, utc_strings
+from radioloc.units import set_fields
 from radioloc.vectors import Floats
 
-_Links = dict[int, float]
-"""Indices of series, with the sign that the tested quantity has in each."""
-
 SIGNIFICANCE_LEVEL = 1e-3  # fewer than one false finding in a thousand solutions
-TEST_FAMILY_COUNT = 4  # families tested together: groups, a-priori values, steps, offsets
+_LOG_ALTERNATIVE_LEVEL = math.log(
+    1e-3
+)  # of the test of a finding against an alternative: excludes one right cause in a thousand
 _MAX_FINDING_COUNT = 3  # further findings are mostly consequences of the first
 _MAX_GROUP_COUNT = 200  # bounds the time for long arcs of many passes
-_MIN_STEP_POINT_COUNT = 3  # points required on either side of a step
+_KINDS = ("a priori", "parameter", "offset", "jump")  # of explanations, the more specific first
+_MAX_PRINTED_ALTERNATIVES = 3
+_MIN_SAME_EFFECT = 1.0 - 1e-6  # squared correlation of two columns but for rounding and light times
+_MAX_ROUND_COUNT = 3  # of noise and most significant explanation, each found by the other
 
 
 @dataclass(frozen=True, slots=True)
 class Inconsistency:
     """Consistency test of a group of observations or of an explanation, with its result."""
 
-    # Removed: "station", "link", "type", "pass"; estimated: "a priori", "jump", "offset"; rejected: "run".
+    # Removed: "station", "link", "type", "pass"; estimated: "a priori", "parameter", "jump", "offset"; rejected: "run".
     kind: str
     name: str  # station, link, type or parameter that is tested
     chi2: float  # test statistic
     dof: int
     log10_chance: float  # log10 of the p-value, corrected for the number of tests
-    shift_enu_m: tuple[float, float, float] | None  # change of the position by the removal or estimation
-    shift_sigma_enu_m: tuple[float, float, float] | None  # standard deviation of that change
+    # Change of the position by the removal or estimation, together with the preceding findings, and its sigma
+    shift_enu_m: tuple[float, float, float] | None
+    shift_sigma_enu_m: tuple[float, float, float] | None
     amounts: dict[str, float]  # estimated components, in `unit`
     unit: str = ""
     first_utc: str = ""  # epochs of the interval, empty for the whole arc
     last_utc: str = ""
+    prior_sigmas: float | None = None  # amounts over a-priori sigmas, or over the scale of the parameter
+    data_values: dict[str, float] = field(
+        default_factory=dict
+    )  # of an a-priori value, from the data alone, in `unit`
+    alternatives: tuple[Inconsistency, ...] = ()  # other explanations that the data cannot exclude
 
     @property
     def significant(self) -> bool:
@@ -75,40 +96,62 @@ class Inconsistency:
             content[key] = dict(zip(("east_m", "north_m", "up_m"), values, strict=True))
         content |= {"amounts": self.amounts, "unit": self.unit}
         content |= {"first_utc": self.first_utc or None, "last_utc": self.last_utc or None}
+        content |= {"prior_sigmas": self.prior_sigmas, "data_values": self.data_values}
+        content["alternatives"] = [
+            {key: getattr(item, key) for key in ("kind", "name", "amounts", "unit", "prior_sigmas")}
+            for item in self.alternatives
+        ]
         return content | {"significant": self.significant, "text": str(self) if self.significant else None}
 
-    def __str__(self) -> str:
+    @property
+    def cause(self) -> str:
+        """Cause in words, with its amounts."""
         period = f" from {self.first_utc} to {self.last_utc}" if self.last_utc else ""
-        sentence = f"{self.name}{period} does not fit the others"
-        value = next(iter(self.amounts.values()), 0.0)
-        if self.kind == "jump":
-            sentence = f"{self.name} jumps by {_length(value)} at {self.first_utc}"
-        elif self.kind == "offset":
-            sentence = f"{self.name} is off by {_length(value)}{period}"
-        elif self.kind == "run":
-            sentence = f"{self.dof} observations of {self.name}{period} are off by {value:+.3g} {self.unit}, rejected"
-        elif self.kind == "a priori":
-            sentence = self._wrong_prior()
-        if self.shift_enu_m is None:
-            return sentence
-        condition = "with that" if self.amounts else "without it"
-        return f"{sentence}; {condition} the position moves by {math.hypot(*self.shift_enu_m):.3g} m"
-
-    def _wrong_prior(self) -> str:
-        kind, _, label = self.name.partition(".")
         parts = " ".join(
-            f"{value:+.3g} {self.unit}{f' {name}' if name else ''}".replace("  ", " ")
+            f"{value:+.3g} {self.unit}{f' {name}' if name else ''}".replace(" 1", "", self.unit == "1")
             for name, value in self.amounts.items()
         )
-        if kind == "position":
-            return f"the a-priori {label} does not fit the observations ({parts} explains it)"
-        return (
-            f"the a-priori {parameter_label(self.name)} does not fit the observations ({parts} explains it)"
-        )
+        value = next(iter(self.amounts.values()), 0.0)
+        kind, _, label = self.name.partition(".")
+        match self.kind:
+            case "jump":
+                return f"{self.name} jumps by {_amount(value, self.unit)} at {self.first_utc}"
+            case "offset":
+                return f"{self.name} is off by {_amount(value, self.unit)}{period}"
+            case "run":
+                return f"{self.dof} observations of {self.name}{period} are off by {value:+.3g} {self.unit}, rejected"
+            case "parameter":
+                return f"the {parameter_label(self.name)} is {parts}, not zero"
+            case "a priori":
+                label = label if kind == "position" else parameter_label(self.name)
+                return f"the a-priori {label} does not fit the observations ({parts} explains it{self._data_alone()})"
+        return f"{self.name}{period} does not fit the others"
+
+    def _data_alone(self) -> str:
+        """Value of a single a-priori value from the data alone."""
+        if len(self.data_values) != 1 or not self.name.startswith("position."):
+            return ""
+        [value] = self.data_values.values()
+        return f": the data alone give {value:.1f} {self.unit}"
+
+    def __str__(self) -> str:
+        sentence = self.cause
+        if self.shift_enu_m is not None:
+            condition = "with that" if self.amounts else "without it"
+            sentence += f"; {condition} the position moves by {math.hypot(*self.shift_enu_m):.3g} m"
+        if self.alternatives:
+            causes = [item.cause for item in self.alternatives[:_MAX_PRINTED_ALTERNATIVES]]
+            rest_count = len(self.alternatives) - len(causes)
+            causes += [f"{rest_count} more in solution.json"] if rest_count else []
+            sentence += f"; the data cannot exclude that {', or '.join(causes)}"
+        return sentence
 
 
-def _length(value_m: float) -> str:
-    return f"{value_m:+.3g} m ({1e9 * value_m / C_M_S:+.3g} ns)"
+def _amount(value: float, unit: str) -> str:
+    """Amount of a step or offset in the unit of its type."""
+    if unit == "m":
+        return f"{value:+.3g} m ({1e9 * value / C_M_S:+.3g} ns)"
+    return f"{1e9 * value:+.3g} ns ({C_M_S * value:+.3g} m)" if unit == "s" else f"{value:+.3g} {unit}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,65 +172,65 @@ class Consistency:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Test:
-    """Test of added columns of the design matrix."""
+    """Test of a hypothesis, or of the removal of a group of observations."""
 
     kind: str
     name: str
-    columns: Floats  # scaled to a Frobenius norm of one
+    columns: Floats
     verdict: Verdict
-    components: tuple[str, ...]  # names of the amounts; empty if a group is removed
-    scale: Floats  # factors from estimates to amounts
-    unit: str = "m"
-    span_s: tuple[float, float] | None = None  # interval of the columns
-    links: _Links = field(default_factory=dict)
-    width_s: float = 0.0  # width of the bins that resolve a step
-    log_chance: float = 0.0  # logarithm of the corrected p-value
+    log_count: float  # logarithm of the number of tests
+    hypothesis: Hypothesis | None = None  # None of a group
+    indices: tuple[int, ...] = ()  # of the columns in products of all hypotheses
+    links: Links = field(default_factory=dict)
+    span_s: Span = None
+    alternatives: tuple[_Test, ...] = ()
+    log_chance: float = field(
+        default=math.nan
+    )  # logarithm of the corrected p-value, by default that of the verdict
+
+    def __post_init__(self) -> None:
+        if math.isnan(self.log_chance):
+            set_fields(self, log_chance=self.verdict.log_chance + self.log_count)
+
+    @property
+    def sigmas(self) -> float:
+        """Amount over the a-priori standard deviation; infinite for a group."""
+        return math.inf if self.hypothesis is None else float(np.linalg.norm(self.verdict.estimate))
+
+    @property
+    def significant(self) -> bool:
+        """True if the p-value is below the significance level."""
+        return self.log_chance < math.log(SIGNIFICANCE_LEVEL)
 
 
 def assess_consistency(
-    edited: EditedFit,
-    order: SeriesOrder,
-    correlation: TimeCorrelation | None,
+    hypotheses: Hypotheses | None,
     epoch_utc: Epochs,
     enu_by_parameters: Floats | None,
-    considered: ConsideredErrors | None = None,
 ) -> Consistency:
-    """Test groups of observations, a-priori values, steps and offsets.
+    """Test groups of observations, a-priori values, parameters held at zero, steps and offsets.
 
     Without it a VLBI clock error of 5 ns or a station error of 50 m stays unreported: residuals and status do not show
     them (`tests/unit/jobs/test_consistency.py`).
     """
-    fit = edited.fit
-    if not edited.converged or fit.dof < 1 or not (fit.parameters.free.any() and fit.used.any()):
+    if hypotheses is None:
         return Consistency()
-    noise_of = (lambda _: {}) if correlation is None else noise_of_each
-    problem = BinnedProblem.of(fit, order, noise_of, considered)
-    search = _Candidates(
-        fit, order, epoch_utc, enu_by_parameters, considered, np.unique(problem.code).tolist()
-    )
+    problem = hypotheses.problem
+    search = _Search(hypotheses, epoch_utc, enu_by_parameters)
     group_tests = search.groups(problem)
     groups = tuple(search.record(test) for test in group_tests)
-    explanations: list[_Test] = []
-    width = len(problem.estimate)
-    while len(explanations) < _MAX_FINDING_COUNT:
-        finding = min(
-            [*search.explanations(problem), *group_tests], key=lambda test: test.log_chance, default=None
-        )
-        if finding is None or finding.log_chance > math.log(SIGNIFICANCE_LEVEL):
+    findings: list[_Test] = []
+    while len(findings) < _MAX_FINDING_COUNT:
+        finding = search.most_significant(problem, group_tests)
+        if finding is None or not finding.significant:
             break
+        findings.append(finding)
         problem = problem.with_columns(finding.columns)
-        explanations.append(
-            replace(finding, verdict=replace(finding.verdict, shift=problem.estimate[:width]))
-        )
-        if not finding.components:
+        if finding.hypothesis is None:
             break
         group_tests = search.groups(problem)
-    findings = []
-    for test in explanations:
-        begin, width = width, width + test.columns.shape[1]
-        verdict = replace(test.verdict, estimate=problem.estimate[begin:width])
-        findings.append(search.record(replace(test, verdict=verdict)))
-    return Consistency(groups, tuple(findings), adapted_estimate(problem, fit) if findings else None)
+    found = tuple(search.joint_records(findings, problem))
+    return Consistency(groups, found, adapted_estimate(problem, hypotheses.fit) if found else None)
 
 
 def rejected_runs(
@@ -220,97 +263,126 @@ def rejected_runs(
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Candidates:
-    """Candidates for tests, with the fit that they belong to."""
+class _Search:
+    """Tests of hypotheses and groups, with the fit that they belong to."""
 
-    fit: FitResult
-    order: SeriesOrder
+    hypotheses: Hypotheses
     epoch_utc: Epochs
     enu_by_parameters: Floats | None
-    considered: ConsideredErrors | None
-    codes: list[int]  # indices of all series
 
     def groups(self, problem: BinnedProblem) -> list[_Test]:
         """Test the removal of each link, type, station and pass of a station."""
-        order, width = self.order, mixed_units(self.fit)[1]
-        groups: dict[tuple[str, str], _Links] = {
-            ("link", order.series[code].name): {code: 1.0} for code in self.codes
+        order, width = self.hypotheses.order, mixed_units(self.hypotheses.fit)[1]
+        codes = self.hypotheses.codes
+        groups: dict[tuple[str, str], Links] = {
+            ("link", order.series[code].name): {code: 1.0} for code in codes
         }
-        for code in self.codes:
+        for code in codes:
             groups.setdefault(("type", order.series[code].kind), {})[code] = 1.0
-        groups |= {("station", name): links for name, links in order.of_stations(self.codes).items()}
-        selections: list[tuple[str, str, _Links, tuple[float, float] | None]] = []
+        groups |= {("station", name): links for name, links in order.of_stations(codes).items()}
+        selections: list[tuple[str, str, Links, Span]] = []
         for (kind, name), links in groups.items():
-            spans = _passes(problem, links) if kind == "station" else []
+            spans = passes(problem, links) if kind == "station" else []
             if 1 < len(spans) < _MAX_GROUP_COUNT - len(selections):
                 selections += [("pass", name, links, span_s) for span_s in spans]
-            if len(links) < len(self.codes):
+            if len(links) < len(codes):
                 selections.append((kind, name, links, None))
-        return _with_chances(
-            (_test_links(problem, *selection, width) for selection in selections), len(selections)
-        )
+        tests = []
+        for kind, name, links, span_s in selections:
+            columns = problem.columns(links, span_s or (-np.inf, np.inf), width)
+            verdict = problem.test(columns, links)
+            if verdict is not None:
+                log_count = _log_test_count(len(selections))
+                tests.append(_Test(kind, name, columns, verdict, log_count, links=links, span_s=span_s))
+        return tests
 
-    def explanations(self, problem: BinnedProblem) -> list[_Test]:
-        """Test a-priori values, and steps and offsets of links and of stations with several links of a type."""
-        order = self.order
-        link_sets = [(order.series[code].name, {code: 1.0}) for code in self.codes]
-        for station, links in order.of_stations(self.codes).items():
-            for kind in sorted({order.series[code].kind for code in links}):
-                station_links = {
-                    code: sign for code, sign in links.items() if sign and order.series[code].kind == kind
-                }
-                if len(station_links) > 1:
-                    link_sets.append((f"{station} {kind}", station_links))
-        steps, edge_count, offsets = [], 0, []
-        for name, links in link_sets:
-            edges_s = problem.times_s(links)[_MIN_STEP_POINT_COUNT : 1 - _MIN_STEP_POINT_COUNT]
-            edge_count += len(edges_s)
+    def explanations(
+        self, problem: BinnedProblem, group: _Test | None = None
+    ) -> tuple[ScoreProducts, list[_Test]]:
+        """Test all hypotheses, steps at their most likely epochs, and a group again."""
+        hypotheses = list(self.hypotheses.continuous)
+        families = [hypothesis.family for hypothesis in hypotheses]
+        counts = {family: families.count(family) for family in Family}
+        for name, links in self.hypotheses.link_sets:
+            edges_s = self.hypotheses.step_epochs_s(links)
+            counts[Family.STEP] += len(edges_s)
             if len(edges_s):
                 index = int(np.argmax(problem.chi2_of_steps(links, edges_s)))
-                steps.append(_test_links(problem, "jump", name, links, (float(edges_s[index]), np.inf)))
-            passes = _passes(problem, links)
-            spans = (None, *(passes if len(passes) > 1 else ()))
-            offsets += [_test_links(problem, "offset", name, links, span_s) for span_s in spans]
-        return [
-            *self._wrong_priors(problem),
-            *_with_chances(steps, edge_count),
-            *_with_chances(offsets, len(offsets)),
-        ]
+                hypotheses.append(self.hypotheses.step(name, links, float(edges_s[index])))
+        columns = [item.columns for item in hypotheses]
+        products = problem.products(np.hstack(columns if group is None else [*columns, group.columns]))
+        tests, begin = list[_Test](), 0
+        for item in hypotheses:
+            indices = tuple(range(begin, begin := begin + item.columns.shape[1]))
+            verdict = products.verdict(indices, item.links)
+            if verdict is not None:
+                log_count = _log_test_count(counts[item.family])
+                test = _Test(item.kind, item.name, item.columns, verdict, log_count, item, indices)
+                tests.append(replace(test, links=item.links, span_s=item.span_s))
+        if group is not None:
+            indices = tuple(range(begin, begin + group.columns.shape[1]))
+            verdict = products.verdict(indices, group.links)
+            tests += (
+                []
+                if verdict is None
+                else [replace(group, verdict=verdict, indices=indices, log_chance=math.nan)]
+            )
+        return products, tests
 
-    def _wrong_priors(self, problem: BinnedProblem) -> list[_Test]:
-        """Test each a-priori value, and all components of a vector together."""
-        priors = [item for item in self.fit.parameters if not item.fixed and math.isfinite(item.prior_sigma)]
-        priors += [] if self.considered is None else self.considered.parameters.parameters
-        name_places: dict[str, list[int]] = {}
-        for index, item in enumerate(priors):
-            name_places[item.name] = [index]
-            if item.kind != "position" and item.name.count(".") == 2:  # component of a vector
-                name_places.setdefault(item.name.rpartition(".")[0], []).append(index)
-        first, tests = len(problem.points.time_s), []
-        for indices in name_places.values():
-            columns = np.zeros((len(problem.whitened), len(indices)))
-            columns[first + np.array(indices), np.arange(len(indices))] = 1.0
-            items = [priors[index] for index in indices]
-            kind, _, label = items[0].name.partition(".")
-            owner, _, component = label.partition(".") if kind != "position" else (label, "", "")
-            parts = tuple(item.name.rpartition(".")[2] if component else "" for item in items)
-            # The residual is the a-priori value less the estimate
-            sigmas, name = -np.array([item.prior_sigma for item in items]), f"{kind}.{owner}".rstrip(".")
-            tests.append(_test_columns(problem, "a priori", name, columns, parts, sigmas, unit=items[0].unit))
-        return _with_chances(tests, len(name_places))
+    def most_significant(self, problem: BinnedProblem, group_tests: list[_Test]) -> _Test | None:
+        """Return the most significant explanation or group, with alternatives that the data cannot exclude."""
+        _, tests = self.explanations(problem)
+        initial = min([*tests, *group_tests], key=_log_chance, default=None)
+        if initial is None:
+            return None
+        best = initial
+        for _ in range(_MAX_ROUND_COUNT):
+            group = best if best.hypothesis is None else None
+            renewed = problem.with_noise_of(problem.with_columns(best.columns))
+            products, tests = self.explanations(renewed, group)
+            likeliest = min(tests, key=_log_chance, default=best)
+            if likeliest.name == best.name and likeliest.kind == best.kind:
+                best = likeliest
+                break
+            best = likeliest
+        noise_dof, verdict = products.noise_dof(best.indices, best.verdict.estimate), best.verdict
+        log_ratio_chance = log_probability_of_ratio(verdict.chi2 / verdict.inflation, verdict.dof, noise_dof)
+        best = replace(best, log_chance=min(initial.log_chance, log_ratio_chance + best.log_count))
+        return _with_alternatives(best, products, tests, noise_dof) if best.significant else best
+
+    def joint_records(self, findings: list[_Test], problem: BinnedProblem) -> Iterator[Inconsistency]:
+        """Yield records of findings: amounts of all together, changes by each with the preceding ones."""
+        fitted, changed = self.hypotheses.fitted, self.hypotheses.problem.with_noise_of(problem)
+        for test in findings:
+            changed = changed.with_parameters(test.columns)
+            shift, root_of_shift = estimate_change(fitted, changed)
+            begin, end = len(changed.estimate) - test.columns.shape[1], len(changed.estimate)
+            verdict = replace(
+                test.verdict,
+                estimate=problem.estimate[begin:end],
+                shift=shift,
+                root_of_shift=root_of_shift,
+            )
+            yield self.record(replace(test, verdict=verdict))
 
     def record(self, test: _Test) -> Inconsistency:
         """Return the record of a test."""
         shift_m = sigma_m = None
-        verdict = test.verdict
+        verdict, item, fit = test.verdict, test.hypothesis, self.hypotheses.fit
         if self.enu_by_parameters is not None:
-            units, width = mixed_units(self.fit)
-            estimated = self.fit.parameters.free & ~self.fit.parameters.considered
-            adjusted = estimated[self.fit.parameters.free]
+            units, width = mixed_units(fit)
+            estimated = fit.parameters.free & ~fit.parameters.considered
+            adjusted = estimated[fit.parameters.free]
             by_unit = self.enu_by_parameters[:, np.flatnonzero(estimated)] @ units[adjusted, :width]
             shift_m = tuple((by_unit @ verdict.shift[:width]).tolist())
             sigma_m = tuple(np.linalg.norm(by_unit @ verdict.root_of_shift[:width], axis=1).tolist())
-        amounts = verdict.estimate * test.scale if test.components else np.zeros(0)
+        amounts, data_values = dict[str, float](), dict[str, float]()
+        if item is not None:
+            values = verdict.estimate * item.sigmas
+            amounts = dict(zip(item.components, values.tolist(), strict=True))
+            if item.prior_values is not None:
+                values = item.prior_values + values
+                data_values = dict(zip(item.components, values.tolist(), strict=True))
         first, last = self._span(test)
         return Inconsistency(
             test.kind,
@@ -320,25 +392,29 @@ class _Candidates:
             min(test.log_chance, 0.0) / math.log(10.0),
             shift_m,
             sigma_m,
-            dict(zip(test.components, amounts.tolist(), strict=True)),
-            test.unit if test.components else "",
+            amounts,
+            "" if item is None else item.unit,
             first,
             last,
+            test.sigmas if item is not None else None,
+            data_values,
+            tuple(map(self.record, test.alternatives)),
         )
 
     def _span(self, test: _Test) -> tuple[str, str]:
         """First and last epoch, UTC, of the observations in the interval of a test."""
         if test.span_s is None:
             return "", ""
-        order, (begin_s, end_s) = self.order, test.span_s
-        rows = np.flatnonzero(self.fit.used & np.isin(order.code, list(test.links)))
+        order, fit, (begin_s, end_s) = self.hypotheses.order, self.hypotheses.fit, test.span_s
+        rows = np.flatnonzero(fit.used & np.isin(order.code, list(test.links)))
         rows = rows[np.argsort(order.time_s[rows], kind="stable")]
         time_s = order.time_s[rows]
         first_row = int(np.searchsorted(time_s, begin_s))
-        if test.width_s > 0.0:
-            near_rows = np.flatnonzero(np.abs(time_s - begin_s) <= 3.0 * test.width_s)
+        width_s = self.hypotheses.problem.width_s(test.links) if test.kind == "jump" else 0.0
+        if width_s > 0.0:
+            near_rows = np.flatnonzero(np.abs(time_s - begin_s) <= 3.0 * width_s)
             signs = np.array([test.links[code] for code in order.code[rows[near_rows]].tolist()])
-            sums = np.cumsum(signs * self.fit.residual_m[rows[near_rows]])
+            sums = np.cumsum(signs * fit.residual_m[rows[near_rows]])
             counts = np.arange(1, len(near_rows))
             steps = (sums[:-1] - counts * sums[-1] / len(near_rows)) ** 2 / (
                 counts * (len(near_rows) - counts)
@@ -349,58 +425,56 @@ class _Candidates:
         return str(epochs[0]), "" if math.isinf(end_s) else str(epochs[1])
 
 
-def _test_links(
-    problem: BinnedProblem,
-    kind: str,
-    name: str,
-    links: _Links,
-    span_s: tuple[float, float] | None,
-    parameters: int = 0,
-) -> _Test | None:
-    """Test links in an interval with a constant, or with parameters that absorb them."""
-    columns = problem.columns(links, span_s or (-np.inf, np.inf), parameters)
-    components, width_s = () if parameters else ("",), problem.width_s(links) if kind == "jump" else 0.0
-    return _test_columns(
-        problem, kind, name, columns, components, links=links, span_s=span_s, width_s=width_s
-    )
+def _with_alternatives(best: _Test, products: ScoreProducts, tests: list[_Test], noise_dof: float) -> _Test:
+    """Return the explanation of the smallest a-priori ratio that the data cannot exclude, with the others."""
+    possible = list[_Test]()
+    for test in tests:
+        if test.hypothesis is None:
+            continue
+        union = tuple(dict.fromkeys((*test.indices, *best.indices)))
+        union_verdict = products.verdict(union)
+        assert union_verdict is not None  # a part of it is determined
+        added_chi2, added_dof = union_verdict.chi2 - test.verdict.chi2, union_verdict.dof - test.verdict.dof
+        if added_dof and log_probability_of_ratio(added_chi2, added_dof, noise_dof) < _LOG_ALTERNATIVE_LEVEL:
+            continue
+        possible.append(test)
+    possible.sort(key=lambda test: (len(test.indices), test.sigmas))
+    distinct = dict[tuple[str, Span], _Test]()
+    for test in possible:  # a vector has no other name than its components
+        distinct.setdefault((test.name, test.span_s), test)
+    causes = [test for test in distinct.values() if not _is_named_otherwise(test, products, possible)]
+    causes.sort(key=_log_odds, reverse=True)
+    if not causes:
+        return best
+    first, *alternatives = causes
+    return replace(first, log_chance=best.log_chance, alternatives=tuple(alternatives))
 
 
-def _test_columns(
-    problem: BinnedProblem,
-    kind: str,
-    name: str,
-    columns: Floats,
-    components: tuple[str, ...],
-    scale: float | Floats = 1.0,
-    **options: Any,
-) -> _Test | None:
-    """Test columns; None if the parameters absorb them."""
-    length = float(np.linalg.norm(columns))
-    verdict = problem.test(columns / max(length, 1e-300), options.get("links"))
-    if verdict is None:
-        return None
-    return _Test(
-        kind,
-        name,
-        columns / length,
-        verdict,
-        components,
-        np.ones(len(components)) * scale / length,
-        **options,
-    )
-
-
-def _with_chances(tests: Iterable[_Test | None], count: int) -> list[_Test]:
-    """Return tests with p-values corrected for the number of tests."""
-    log_count = math.log(TEST_FAMILY_COUNT * max(count, 1))
-    return [
-        replace(test, log_chance=test.verdict.log_chance + log_count) for test in tests if test is not None
+def _is_named_otherwise(test: _Test, products: ScoreProducts, tests: list[_Test]) -> bool:
+    """Return whether a hypothesis of a more specific kind has the same effects."""
+    if len(test.indices) > 1:
+        return False
+    [k] = test.indices
+    information, rank = products.information, _KINDS.index(test.kind)
+    specific = [
+        item.indices[0] for item in tests if len(item.indices) == 1 and _KINDS.index(item.kind) < rank
     ]
+    squares = information[k, specific] ** 2
+    return bool((squares > _MIN_SAME_EFFECT * information[k, k] * information[specific, specific]).any())
 
 
-def _passes(problem: BinnedProblem, links: Iterable[int]) -> list[tuple[float, float]]:
-    """Begin and end of each pass of some links, s."""
-    time_s = problem.times_s(links)
-    gaps = np.flatnonzero(np.diff(time_s) > 3600.0 * PASS_GAP_H)
-    begin, end = np.append(0, gaps + 1), np.append(gaps, len(time_s) - 1)
-    return list(zip(time_s[begin].tolist(), time_s[end].tolist(), strict=True))
+def _log_odds(test: _Test) -> float:
+    """Logarithm of the odds of a cause: its likelihood times the prior density of its amount, over one sigma.
+
+    The size of a gross error is unknown, so that its prior density is that of a scale, 1 / amount (Jeffreys 1946).
+    """
+    return 0.5 * test.verdict.chi2 - test.verdict.dof * math.log(max(test.sigmas, 1.0))
+
+
+def _log_chance(test: _Test) -> float:
+    return test.log_chance
+
+
+def _log_test_count(count: int) -> float:
+    """Logarithm of the number of tests: of a family, of all families, with the noise before and after."""
+    return math.log(2 * len(Family) * max(count, 1))

@@ -15,7 +15,7 @@ observations alone, its own set of all estimated parameters, take the group out 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -45,9 +45,11 @@ class Verdict:
     chi2: float
     dof: int
     estimate: Floats  # (k,), coefficients of the columns
+    root: Floats  # (k, dof), square root of their covariance
     shift: Floats  # (c,), change of the parameters
     root_of_shift: Floats  # (c, dof), square root of the covariance of the shift under the null hypothesis
     log_chance: float  # logarithm of the p-value
+    inflation: float = 1.0  # variance factor of the common errors of links
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,7 +63,9 @@ class BinnedProblem:
     place: NDArray[np.intp]  # (m,), index of the point
     code: NDArray[np.intp]  # (m,), index of the series of single observations
     values: Floats  # (m, 1 + q), constant of the link, and partials by the estimated parameters
+    candidates: Floats  # (m, h), change by one sigma of parameters that the fit holds at zero
     roots: tuple[Floats, ...]  # L of each series of points, V^-1 = L^T L
+    white: tuple[float, ...] = ()  # white variance of each series
     residual: Floats = field(init=False)  # (n + k,), whitened residuals after the estimate
     whitened: Floats = field(init=False)  # (n + k, c), whitened partials
     weighted: Floats = field(init=False)  # (n + k, 1 + c), residuals and partials times V^-1
@@ -93,6 +97,7 @@ class BinnedProblem:
         order: SeriesOrder,
         noise_of: Callable[[Points], Mapping[str, SeriesNoise]],
         considered: ConsideredErrors | None = None,
+        candidates: ConsideredErrors | None = None,
     ) -> BinnedProblem:
         """Bin a fit, its parameters scaled to unit formal covariance and consider parameters to a-priori sigmas."""
         free, sigmas = fit.parameters.free, fit.parameters.prior_sigmas[fit.parameters.free]
@@ -113,11 +118,15 @@ class BinnedProblem:
 
         def constant_and_partials(rows: Rows) -> Floats:
             columns = [np.ones((len(rows), 1)), fit.linearization.partials(rows)[:, free]]
-            return np.hstack(columns if considered is None else [*columns, considered.partials(rows)])
+            columns += [errors.partials(rows) for errors in (considered, candidates) if errors is not None]
+            return np.hstack(columns)
 
         series = independent_series(order, fit.noise, fit.used)
         points = points_of(series, column(fit.residual_m), np.zeros((0, 0)))
         place, code, sums = _link_contributions(series, order, constant_and_partials)
+        sums, changes = np.split(sums, [1 + len(unit)], axis=1)
+        if candidates is not None:
+            changes = changes * candidates.parameters.prior_sigmas
         partials = np.zeros((len(points.gain), sums.shape[1] - 1))
         np.add.at(partials, place, sums[:, 1:])
         values = np.hstack([sums[:, :1], sums[:, 1:] @ unit[:, :width]])
@@ -125,20 +134,25 @@ class BinnedProblem:
         prior = np.column_stack([offset, unit])[has_prior] / sigmas[has_prior, None]
         points = replace(points, unit=partials @ unit)
         noise = noise_of(replace(points, unit=points.unit[:, :width]))
-        problem = cls(points, prior, place, code, values, roots=())
+        problem = cls(points, prior, place, code, values, changes, roots=())
         return problem._with_noise(noise, np.zeros(unit.shape[1]))
 
     def _with_noise(self, noise: Mapping[str, SeriesNoise], estimate: Floats) -> BinnedProblem:
         """Return the problem with the noise of each series, white by default."""
         # The variance is larger if the whitened residuals of the series are still correlated.
-        points, roots = self.points, []
+        points, roots, white = self.points, list[Floats](), list[float]()
         for k, series in enumerate(points.series):
             part, series_noise = points.of(k), noise.get(series.key) or _white_noise(points, k, estimate)
+            white.append(series_noise.white)
             identity, width_s = np.eye(part.stop - part.start), float(points.width_s[k])
             roots.append(series_noise.whitened(points.step_s[part], points.gain[part], identity, width_s))
         whitened_problem = replace(self, roots=tuple(roots))
         spreads = [_spread(whitened_problem.residual[points.of(k)]) for k in range(len(roots))]
-        return replace(self, roots=tuple(r / math.sqrt(s) for r, s in zip(roots, spreads, strict=True)))
+        return replace(
+            self,
+            roots=tuple(root / math.sqrt(spread) for root, spread in zip(roots, spreads, strict=True)),
+            white=tuple(variance * spread for variance, spread in zip(white, spreads, strict=True)),
+        )
 
     def columns(
         self,
@@ -158,6 +172,13 @@ class BinnedProblem:
         )
         columns = np.zeros((len(self.whitened), values.shape[1]))
         np.add.at(columns, place, values)
+        return columns
+
+    def candidate_columns(self, indices: Sequence[int], codes: Iterable[int] | None = None) -> Floats:
+        """Columns of some parameters that the fit holds at zero, of all links or of some."""
+        in_links = slice(None) if codes is None else np.isin(self.code, list(codes))
+        columns = np.zeros((len(self.whitened), len(indices)))
+        np.add.at(columns, self.place[in_links], self.candidates[in_links][:, indices])
         return columns
 
     def times_s(self, links: Iterable[int]) -> Floats:
@@ -185,28 +206,20 @@ class BinnedProblem:
 
     def test(self, columns: Floats, links: Mapping[int, float] | None = None) -> Verdict | None:
         """Test whether coefficients of columns (n + k, w) are zero; None if the parameters absorb the columns."""
+        return self.products(columns).verdict(slice(None), links)
+
+    def products(self, columns: Floats) -> ScoreProducts:
+        """Products of columns (n + k, w) for tests of any of them."""
         z = columns.copy()
         for part, root in self._series_with(columns):
             z[part] = root @ columns[part]
         products = columns.T @ self.weighted
-        score, with_partials = products[:, 0] - products[:, 1:] @ self.estimate, products[:, 1:]
-        gain = self.inverse @ with_partials.T
+        with_partials = products[:, 1:]
+        score, gain = products[:, 0] - with_partials @ self.estimate, self.inverse @ with_partials.T
         squares = z.T @ z
-        size = np.sqrt(np.diag(squares))
-        scale = np.divide(1.0, size, out=np.zeros_like(size), where=size > 0.0)
-        values, axes = np.linalg.eigh((squares - with_partials @ gain) * scale[:, None] * scale)
-        determined = values > _MIN_SQUARE_FRACTION
-        if not determined.any():
-            return None
-        root = scale[:, None] * axes[:, determined] / np.sqrt(values[determined])
-        components = root.T @ score
-        estimate, shift = root @ components, -gain @ root @ components
-        chi2, dof, inflation = float(components @ components), int(determined.sum()), 1.0
-        if links:  # errors of a station are common to its baselines
-            inflation = self._inflation(self.residual - self.whitened @ shift - z @ estimate, links)
-        return Verdict(chi2, dof, estimate, shift, gain @ root, log_probability(chi2 / inflation, dof))
+        return ScoreProducts(self, z, score, squares - with_partials @ gain, np.sqrt(np.diag(squares)), gain)
 
-    def _inflation(self, residual: Floats, links: Mapping[int, float]) -> float:
+    def inflation(self, residual: Floats, links: Mapping[int, float]) -> float:
         """Variance factor of the common errors of links, 1 if they are independent."""
         _, place, sign = self._rows_of(links)
         epoch = np.unique(self.points.time_s[place], return_inverse=True)[1]
@@ -227,12 +240,104 @@ class BinnedProblem:
         determined = information > _MIN_SQUARE_FRACTION * squares
         return np.divide(score**2, information, out=np.zeros_like(score), where=determined)
 
-    def with_columns(self, columns: Floats) -> BinnedProblem:
-        """Return the problem with columns as further parameters and the noise of the new residuals."""
+    def with_parameters(self, columns: Floats) -> BinnedProblem:
+        """Return the problem with columns as further parameters and the same noise."""
         n = len(self.points.time_s)
         points = replace(self.points, unit=np.hstack([self.points.unit, columns[:n]]))
-        larger = replace(self, points=points, prior=np.hstack([self.prior, columns[n:]]))
-        return larger._with_noise(noise_of_each(points), larger.estimate)
+        return replace(self, points=points, prior=np.hstack([self.prior, columns[n:]]))
+
+    def with_columns(self, columns: Floats) -> BinnedProblem:
+        """Return the problem with columns as further parameters and the noise of the new residuals."""
+        larger = self.with_parameters(columns)
+        points = larger.points
+        # A fault may exceed the bounds within which noise is free of the parameters, but not once it is estimated.
+        change = points.unit @ larger.estimate
+        squares = np.square(points.residual - change) - np.square(points.residual)
+        after_change = replace(
+            points,
+            residual=points.residual - change,
+            squares=points.squares + np.add.reduceat(squares, points.begin[:-1]),
+        )
+        return larger._with_noise(noise_of_each(after_change), larger.estimate)
+
+    def with_noise_of(self, source: BinnedProblem) -> BinnedProblem:
+        """Return the problem with the noise of another one of the same observations."""
+        return replace(self, roots=source.roots, white=source.white)
+
+    def noise_dof(self, residual_columns: Floats) -> float:
+        """Degrees of freedom of the variance of the coefficient of a column (n + k,), whitened and projected.
+
+        Satterthwaite (1946), with the information of white and correlated variance of each series.
+        """
+        total, inverse_dof = float(residual_columns @ residual_columns), 0.0
+        for k, root in enumerate(self.roots):
+            part, white = self.points.of(k), self.white[k]
+            of_series = residual_columns[part]
+            weights, precision = root.T @ of_series, root.T @ root
+            of_white = white * float(weights @ weights)
+            fractions = np.array([of_white, float(of_series @ of_series) - of_white]) / total
+            n, trace, squares = len(root), white * np.trace(precision), white**2 * np.square(precision).sum()
+            within_bins = float(self.points.count[k]) - n
+            information = np.array(
+                [[squares + within_bins, trace - squares], [trace - squares, n - 2.0 * trace + squares]]
+            )
+            inverse_dof += float(fractions @ np.linalg.pinv(information, hermitian=True) @ fractions)
+        return 1.0 / max(inverse_dof, 1e-12)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ScoreProducts:
+    """Products of w columns and the residuals, without what the c parameters absorb."""
+
+    problem: BinnedProblem
+    whitened: Floats  # (n + k, w)
+    score: Floats  # (w,)
+    information: Floats  # (w, w)
+    size: Floats  # (w,), norms of the whitened columns
+    gain: Floats  # (c, w)
+
+    def verdict(
+        self, indices: Sequence[int] | slice = slice(None), links: Mapping[int, float] | None = None
+    ) -> Verdict | None:
+        """Test some of the columns together; None if the parameters absorb them."""
+        columns = np.arange(len(self.size))[indices if isinstance(indices, slice) else list(indices)]
+        size, score, gain = self.size[columns], self.score[columns], self.gain[:, columns]
+        scale = np.divide(1.0, size, out=np.zeros_like(size), where=size > 0.0)
+        values, axes = np.linalg.eigh(self.information[columns][:, columns] * scale[:, None] * scale)
+        determined = values > _MIN_SQUARE_FRACTION
+        if not determined.any():
+            return None
+        root = scale[:, None] * axes[:, determined] / np.sqrt(values[determined])
+        components = root.T @ score
+        estimate, shift = root @ components, -gain @ root @ components
+        chi2, dof, inflation = float(components @ components), int(determined.sum()), 1.0
+        if links:  # errors of a station are common to its baselines
+            problem = self.problem
+            residual = problem.residual - problem.whitened @ shift - self.whitened[:, columns] @ estimate
+            inflation = problem.inflation(residual, links)
+        log_chance = log_probability(chi2 / inflation, dof)
+        return Verdict(chi2, dof, estimate, root, shift, gain @ root, log_chance, inflation)
+
+    def noise_dof(self, indices: Sequence[int], estimate: Floats) -> float:
+        """Degrees of freedom of the variance of the estimated coefficients of some columns."""
+        problem = self.problem
+        columns = list(indices)
+        effect = self.whitened[:, columns] @ estimate
+        return problem.noise_dof(effect - problem.whitened @ (self.gain[:, columns] @ estimate))
+
+
+def estimate_change(fitted: BinnedProblem, changed: BinnedProblem) -> tuple[Floats, Floats]:
+    """Change of c parameters from one problem to another with more of them, (c,), and the root of its covariance.
+
+    The covariance is that of the difference of both linear estimates, with the noise of the second problem.
+    """
+    count = len(fitted.estimate)
+    effects = fitted.inverse @ fitted.weighted[:, 1:].T
+    for k, root in enumerate(changed.roots):
+        part = changed.points.of(k)
+        effects[:, part] = np.linalg.solve(root.T, effects[:, part].T).T
+    root_of_change = changed.inverse[:count] @ changed.whitened.T - effects
+    return changed.estimate[:count] - fitted.estimate, root_of_change
 
 
 def noise_of_each(points: Points) -> dict[str, SeriesNoise]:
@@ -292,6 +397,14 @@ def _spread(independent: Floats) -> float:
     sums = np.add.reduceat(independent, begin) / np.sqrt(np.diff(np.append(begin, len(independent))))
     squares = np.square(sums - np.median(sums))
     return max(1.0, float(np.median(squares)) / _MEDIAN_CHI2_1)
+
+
+def log_probability_of_ratio(chi2: float, dof: int, noise_dof: float) -> float:
+    """Logarithm of the upper tail probability of chi-square by an estimated variance (Fisher's distribution)."""
+    from scipy.special import betainc
+
+    probability = float(betainc(0.5 * noise_dof, 0.5 * dof, noise_dof / (noise_dof + chi2)))
+    return math.log(max(probability, 1e-300))
 
 
 def log_probability(chi2: float, dof: int) -> float:

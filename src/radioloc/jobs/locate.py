@@ -226,6 +226,7 @@ def _solution(fitted: _Fitted, consistency: bool) -> Solution:
         ephemeris_sigma_enu_m=np.zeros(3) if estimate is None else np.array(estimate.ephemeris_sigma_m),
         name=study.name,
         considered=fitted.suboptimal,
+        candidates=problem.candidate_errors(model, x) if consistency and estimate is not None else None,
         trajectory=None if places else str(arc.trajectories[0]),
         targets=several,
         limitations=limitations_of(arc),

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from radioloc.dynamics import AdjustableOrbit
 from radioloc.errors import InputError, error_context
-from radioloc.estimation.consider import Consider, ConsideredErrors
+from radioloc.estimation.consider import Consider, ConsideredErrors, owner
 from radioloc.estimation.editing import EditedFit
 from radioloc.estimation.linearization import ResidualFunction
 from radioloc.estimation.series import SeriesOrder, seconds_since_midnight
@@ -28,11 +28,11 @@ from radioloc.measurements.registry import KINDS
 from radioloc.measurements.target_motion import Motions
 from radioloc.noise import ObservationCovariance
 from radioloc.parameters.choice import ParameterChoice, chosen_parameters
-from radioloc.parameters.columns import Columns
-from radioloc.parameters.considered import resolved
+from radioloc.parameters.columns import Columns, members
+from radioloc.parameters.considered import default_sigmas, resolved
 from radioloc.parameters.parameter import Parameter, ParameterSet, Role
 from radioloc.parameters.registry import PARAMETERS
-from radioloc.parameters.rows import middle_of
+from radioloc.parameters.rows import ObservationRows, middle_of
 from radioloc.study.orbit_choice import ProcessNoise
 from radioloc.study.study import EstimateChoice, Study
 from radioloc.targets.design import DesignMatrix, ObservationModel
@@ -166,6 +166,29 @@ class EstimationProblem:
             ParameterSet([*errors.parameters, *gravity.parameters]),
             lambda rows: np.hstack([errors.partials(rows), gravity.partials(rows)]),
         )
+
+    def candidate_errors(self, model: ObservationModel, x: NDArray[np.float64]) -> ConsideredErrors | None:
+        """Return the parameters that the fit holds at zero, with a usual sigma or their scale, at parameters x."""
+        arc, kinds = self.arc.simple, Kinds()
+        items = (*model.parameters, *(item for _, members in self.considered.suboptimal for item in members))
+        owners: dict[str, set[str]] = {}
+        for item in items:
+            owners.setdefault(item.kind, set()).add(owner(item))
+        for name, kind in PARAMETERS.items():
+            if (kind.more_partials and not arc.more_partials) or (kind.term and not arc.model.has(kind.term)):
+                continue
+            present = members(kind, kind.scopes[0], arc)
+            if not owners.get(name, set()) <= present.keys():  # parameters of another scope
+                continue
+            absent = [member for member in present if member not in owners.get(name, ())]
+            sigmas, _ = default_sigmas(kind, ObservationRows(arc), present)
+            choice = ParameterChoice(
+                tuple(absent) if kind.scopes[0].named else "all",
+                sigma={member: sigmas.get(member) or kind.scale for member in absent},
+            )
+            columns = chosen_parameters(kind, choice, arc, Role.CONSIDERED) if absent else None
+            kinds += [] if columns is None else [columns]
+        return _errors_of(kinds, model, x)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

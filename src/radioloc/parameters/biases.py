@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.constants import C_M_S
-from radioloc.parameters.kind import Members, ParameterKind, Scope, Sigmas
+from radioloc.parameters.kind import Members, ParameterKind, Scope, Sigmas, all_observations
 from radioloc.parameters.rows import ObservationRows
 from radioloc.vectors import Floats
 
@@ -104,6 +104,15 @@ STATION_DELAY = ParameterKind(
     partials=_receiving,
     acts_on=_receives,
     scale=1.0 / C_M_S,
+)
+SCALE_FACTOR = ParameterKind(
+    name="scale_factor",
+    unit="1",
+    description="scale of the measured values of a link less one, as of a wrong unit or velocity of light",
+    scopes=(Scope.LINK, Scope.LINK_AND_PASS),
+    partials=lambda rows: rows.computed.value_m[:, None, None],
+    acts_on=all_observations,
+    scale=1e-9,
 )
 FREQUENCY_OFFSET = ParameterKind(
     name="frequency_offset",

@@ -77,7 +77,7 @@ def _resolved(
         has = "has" if len(absent) == 1 else "have"
         notes = [f"[consider] {kind.name}: {', '.join(absent)} {has} no observations that it acts on"]
     if choice.sigma is None or isinstance(choice.sigma, Mapping):
-        default, reason = _default_sigmas(kind, rows, present)
+        default, reason = default_sigmas(kind, rows, present)
         notes += [f"{kind.name} is not considered: {reason}"] if reason else []
         sigmas = {**default, **stated}
     else:
@@ -98,7 +98,7 @@ def _resolved(
     return ParameterChoice(tuple(sigma) if kind.scopes[0].named else "all", value, sigma, choice.per), notes
 
 
-def _default_sigmas(
+def default_sigmas(
     kind: ParameterKind, rows: ObservationRows, present: Members
 ) -> tuple[Mapping[str, Amount], str]:
     """Return the kind's own sigmas by member, or the reason for their absence."""

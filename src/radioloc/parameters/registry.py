@@ -26,6 +26,7 @@ PARAMETERS: Mapping[str, ParameterKind] = Registry(
         earth.ELECTRON_CONTENT,
         biases.TRANSPONDER_DELAY,
         biases.STATION_DELAY,
+        biases.SCALE_FACTOR,
         clocks.TARGET_CLOCK,
         clocks.TARGET_FREQUENCY,
         clocks.TARGET_FREQUENCY_RATE,

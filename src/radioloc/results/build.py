@@ -15,6 +15,7 @@ from radioloc.estimation.combination import ReferenceComparison
 from radioloc.estimation.consider import UNMODELLED_ERROR, Consider, ConsideredErrors, reported
 from radioloc.estimation.consistency import assess_consistency, rejected_runs
 from radioloc.estimation.editing import EditedFit, outlier_runs, run_reasons, with_reasons
+from radioloc.estimation.hypotheses import Hypotheses
 from radioloc.estimation.observability import assess_observability
 from radioloc.estimation.series import SeriesOrder, seconds_since_midnight
 from radioloc.estimation.statistics import FitStatistics, Residuals
@@ -41,6 +42,7 @@ def build_solution(
     elevation_deg: Floats | None = None,
     count_s: Floats | None = None,
     considered: ConsideredErrors | None = None,
+    candidates: ConsideredErrors | None = None,
     doubts: Sequence[Doubt] = (),
     order: SeriesOrder | None = None,
     consistency: bool = True,
@@ -48,7 +50,7 @@ def build_solution(
 ) -> Solution:
     """Assemble a solution of an edited fit of n observations, its noise scaled to larger residuals.
 
-    `considered` are the errors outside the weights of the fit.
+    `considered` are the errors outside the weights of the fit, `candidates` the parameters that it holds at zero.
     """
     # `elevation_deg` is the lower of the stations' elevations, `count_s` NaN of types that are not counted. `described`
     # are further fields of Solution, among them position_pa_m, position_partials, rot_pa_to_me, pa_frame and me_frame.
@@ -108,7 +110,8 @@ def build_solution(
     )
     if consistency:
         by_parameters = None if solution.trajectory is not None else solution.enu_by_parameters
-        tests = assess_consistency(edited, order, correlation, epoch_utc, by_parameters, considered)
+        hypotheses = Hypotheses.of(edited, order, correlation, considered, candidates, count_s)
+        tests = assess_consistency(hypotheses, epoch_utc, by_parameters)
         rejected = rejected_runs(edited, order, runs, epoch_utc, count_s)
         tests = replace(tests, found=(*tests.found, *rejected))
         solution = with_findings(replace(solution, consistency=tests))

@@ -8,8 +8,11 @@ from change5_case import RANGING
 
 import radioloc
 from radioloc.constants import C_M_S
+from radioloc.parameters.choice import ParameterChoice
 from radioloc.parameters.earth import STATION_POSITION
 from radioloc.parameters.rows import ObservationRows
+from radioloc.study.study import HeightPrior
+from radioloc.time import Epochs
 
 
 @pytest.fixture(scope="module")
@@ -52,9 +55,8 @@ def test_clock_of_a_vlbi_station(study, tracking):
     middle = 0.5 * (mjd.min() + mjd.max())
     solution, first = found(study, tracking, 5e-9 * C_M_S * signs * (mjd > middle))
     assert (first.kind, first.name) == ("jump", "SESHAN25 vlbi_delay")
-    assert first.amounts[""] / C_M_S == pytest.approx(
-        5e-9, abs=0.5e-9
-    )  # of 0.4 m in a minute, lasting for hours
+    assert first.unit == "s"
+    assert first.amounts[""] == pytest.approx(5e-9, abs=0.5e-9)  # of 0.4 m in a minute, lasting for hours
     assert first.first_utc.startswith("2020-12-02T15:1")
     assert solution.to_dict()["consistency"][0]["text"] == str(first)
 
@@ -72,9 +74,9 @@ def test_ranging_station_off_its_place(study, whole):
     # Of the 50 m a quarter is left to the position, little more than its sigma
     assert np.linalg.norm(first.shift_enu_m) < 1.5 * np.linalg.norm(solution.sigma_enu_m())
     assert first.amounts == {"east": pytest.approx(50.0, abs=2.0)}
-    # Without a place to move: the station all the same
+    # Without errors of its position: the station all the same, 50 m east of it pass as 0.1 s of its time tags.
     _, first = found(replace(study, consider={}, consider_defaults=False), whole, east_m)
-    assert (first.kind, first.name) == ("station", "KASHI")
+    assert "KASHI" in first.name
 
 
 @pytest.mark.study
@@ -103,9 +105,8 @@ def test_baseline_that_is_off(study, tracking, path):
     _, first = found(study, tracking, 1.0 * (np.array(tracking.paths()) == path))
     assert (first.kind, first.name) == ("offset", f"vlbi_delay {path}")
     assert first.log10_chance < -10.0
-    assert first.amounts[""] == pytest.approx(
-        1.0, abs=0.25
-    )  # clocks and weather of both stations are 0.1 m each
+    # Clocks and weather of both stations are 0.1 m each.
+    assert first.amounts[""] * C_M_S == pytest.approx(1.0, abs=0.25)
 
 
 @pytest.mark.study
@@ -118,3 +119,29 @@ def test_ranges_of_a_station_with_noise_of_its_own(study, tracking, fitted):
     assert "range of NEUQUEN" not in fitted.fit.excess_noise_m
     assert other.to_dict()["fit"]["excess_noise_m"]["range of NEUQUEN"] == pytest.approx(20.0, rel=0.1)
     assert other.fit.excess_noise_m["range"] == pytest.approx(fitted.fit.excess_noise_m["range"], abs=0.1)
+
+
+def test_late_time_tags_are_named_and_estimating_them_brings_the_position_back():
+    study = radioloc.read_study("examples/change5/short_arc.toml")
+    study = replace(study, estimate=replace(study.estimate, height_prior=HeightPrior(-2550.4, 5.0)))
+    ranges = radioloc.read_observations(study.observations.files)
+    epoch = ranges.epoch
+    late = replace(ranges, epoch=Epochs(epoch.jd, epoch.fraction + 0.1 / 86400.0, "UTC"))
+    solution = radioloc.locate(study, late)
+    first = solution.consistency.found[0]
+    assert (first.kind, first.name) == ("parameter", "time_bias.all")
+    assert first.amounts[""] == pytest.approx(-0.1, abs=0.02)
+    time_bias = ParameterChoice("all", sigma=1.0)
+    estimate = replace(study.estimate, parameters={**study.estimate.parameters, "time_bias": time_bias})
+    estimated = radioloc.locate(replace(study, estimate=estimate), late)
+    assert solution.reference.combined_sigmas > 20.0 > 3.0 > estimated.reference.combined_sigmas
+
+
+def test_wrong_height_prior_is_named_before_what_the_data_cannot_separate_from_it(study, tracking):
+    prior = replace(study.estimate.height_prior, height_m=-2250.4)
+    estimate = replace(study.estimate, height_prior=prior, ephemeris_sigma_m=(0.0, 0.0, 0.0))
+    solution = radioloc.locate(replace(study, estimate=estimate), tracking)
+    first = solution.consistency.found[0]
+    assert (first.kind, first.name) == ("a priori", "position.height")
+    assert first.data_values[""] == pytest.approx(-2550.0, abs=40.0)
+    assert "moon_position.radial" in {item.name for item in first.alternatives}

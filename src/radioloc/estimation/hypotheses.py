@@ -1,0 +1,253 @@
+"""Hypotheses on the errors of a fit: columns that are added to its design matrix.
+
+1. A wrong a-priori value, of an estimated or of a considered parameter: of one, of all components of a vector, and a
+   common error of all members of a kind.
+2. A parameter that the fit holds at zero, of any kind of the registry: of one member, common to all, or common to
+   the observations of one type.
+3. An offset of a link, or of a station in all its links of a type, in one pass or in the whole arc.
+4. A step of such a link or station at an epoch.
+
+A coefficient counts a-priori standard deviations; where none is stated or usual, the scale of the parameter, which
+changes an observation by about one metre, or one metre.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field, replace
+from enum import Enum
+from functools import cached_property
+
+import numpy as np
+
+from radioloc.constants import C_M_S
+from radioloc.estimation.consider import ConsideredErrors, owner
+from radioloc.estimation.editing import EditedFit
+from radioloc.estimation.gauss_markov import TimeCorrelation
+from radioloc.estimation.group_tests import BinnedProblem, noise_of_each
+from radioloc.estimation.least_squares import FitResult
+from radioloc.estimation.series import SeriesOrder
+from radioloc.measurements.registry import KINDS, is_differenced, is_integrated
+from radioloc.parameters.columns import PASS_GAP_H
+from radioloc.parameters.parameter import Parameter, Role
+from radioloc.parameters.registry import PARAMETERS
+from radioloc.vectors import Floats
+
+Links = dict[int, float]
+"""Indices of series, with the sign that the tested quantity has in each."""
+Span = tuple[float, float] | None
+
+_MIN_STEP_POINT_COUNT = 3  # points required on either side of a step
+ALL = "all"
+"""Owner of an error that is common to all members of a kind."""
+
+
+class Family(Enum):
+    """Family of hypotheses; each has an equal share of the significance level."""
+
+    GROUP = "group"
+    STATED_PRIOR = "stated a-priori value"
+    CONSIDERED_PRIOR = "a-priori value of a considered parameter"
+    PARAMETER = "parameter that the fit holds at zero"
+    STEP = "step"
+    OFFSET = "offset"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Hypothesis:
+    """Error that adds columns to a binned problem of n points and k a-priori values."""
+
+    family: Family
+    kind: str  # "a priori", "parameter", "jump" or "offset"
+    name: str  # parameter, or link or station with its type
+    columns: Floats  # (n + k, w), change of the residuals by one of `sigmas` of each component
+    sigmas: Floats  # (w,), a-priori standard deviations or scales, in `unit`
+    unit: str
+    components: tuple[str, ...] = ("",)
+    prior_values: Floats | None = None  # (w,), stated a-priori values, in `unit`
+    links: Links = field(default_factory=dict)
+    span_s: Span = None  # interval of an offset; begin of a step
+
+
+@dataclass(frozen=True, eq=False)
+class Hypotheses:
+    """Hypotheses of a fit on its binned problem."""
+
+    problem: BinnedProblem
+    fitted: BinnedProblem  # with the weights of the fit
+    fit: FitResult
+    order: SeriesOrder
+    considered: ConsideredErrors | None
+    candidates: ConsideredErrors | None  # parameters that the fit holds at zero
+    codes: tuple[int, ...]  # indices of all series
+    count_s: Floats | None = None  # (n,), count intervals
+
+    @classmethod
+    def of(
+        cls,
+        edited: EditedFit,
+        order: SeriesOrder,
+        correlation: TimeCorrelation | None,
+        considered: ConsideredErrors | None = None,
+        candidates: ConsideredErrors | None = None,
+        count_s: Floats | None = None,
+    ) -> Hypotheses | None:
+        """Bin a fit; None without an estimate or redundancy."""
+        fit = edited.fit
+        if not edited.converged or fit.dof < 1 or not (fit.parameters.free.any() and fit.used.any()):
+            return None
+        noise_of = (lambda _: {}) if correlation is None else noise_of_each
+        problem = BinnedProblem.of(fit, order, noise_of, considered, candidates)
+        codes = tuple(np.unique(problem.code).tolist())
+        fitted = problem if edited.series_weights else replace(problem, roots=())
+        return cls(problem, fitted, fit, order, considered, candidates, codes, count_s)
+
+    @cached_property
+    def continuous(self) -> tuple[Hypothesis, ...]:
+        """All hypotheses but the steps, whose epochs depend on the residuals."""
+        return (*self._wrong_priors(), *self._parameters(), *self._offsets())
+
+    def step_epochs_s(self, links: Links) -> Floats:
+        """Epochs at which a step is tested, s, (w,)."""
+        return self.problem.times_s(links)[_MIN_STEP_POINT_COUNT : 1 - _MIN_STEP_POINT_COUNT]
+
+    def step(self, name: str, links: Links, begin_s: float) -> Hypothesis:
+        """Return the hypothesis of a step at an epoch."""
+        return self._constant(Family.STEP, "jump", name, links, (begin_s, np.inf))
+
+    @cached_property
+    def link_sets(self) -> list[tuple[str, Links]]:
+        """Links, and stations with several links of a type, with their names."""
+        order = self.order
+        link_sets = [(order.series[code].name, {code: 1.0}) for code in self.codes]
+        for station, links in order.of_stations(self.codes).items():
+            for kind in sorted({order.series[code].kind for code in links}):
+                station_links = {
+                    code: sign for code, sign in links.items() if sign and order.series[code].kind == kind
+                }
+                if len(station_links) > 1:
+                    link_sets.append((f"{station} {kind}", station_links))
+        return link_sets
+
+    def _constant(self, family: Family, kind: str, name: str, links: Links, span_s: Span) -> Hypothesis:
+        unit, factor, sigma = self._unit(links)
+        columns = self.problem.columns(links, span_s or (-np.inf, np.inf)) * (factor * sigma)
+        sigmas = np.array([sigma])
+        return Hypothesis(family, kind, name, columns, sigmas, unit, links=links, span_s=span_s)
+
+    def _unit(self, links: Links) -> tuple[str, float, float]:
+        """Return the unit of an error of one type, metres in it, and its scale: one metre, or 1 mm/s."""
+        code = next(iter(links))
+        kind = np.array(KINDS.index(self.order.series[code].kind))
+        if is_integrated(kind) and self.count_s is not None:
+            return "mm/s", 1e-3 * float(np.nanmedian(self.count_s[self.order.code == code])), 1.0
+        return ("s", C_M_S, 1.0 / C_M_S) if is_differenced(kind) else ("m", 1.0, 1.0)
+
+    def _offsets(self) -> Iterator[Hypothesis]:
+        """Yield offsets of links and stations in the arc, and in each of several passes."""
+        for name, links in self.link_sets:
+            spans = passes(self.problem, links)
+            for span_s in (None, *(spans if len(spans) > 1 else ())):
+                yield self._constant(Family.OFFSET, "offset", name, links, span_s)
+
+    def _wrong_priors(self) -> Iterator[Hypothesis]:
+        """Yield errors of a-priori values."""
+        parameters = self.fit.parameters
+        priors = [item for item in parameters if not item.fixed and math.isfinite(item.prior_sigma)]
+        priors += [] if self.considered is None else self.considered.parameters.parameters
+        first, places = len(self.problem.points.time_s), dict[str, list[int]]()
+        common = dict[tuple[str, str], list[int]]()
+        for index, item in enumerate(priors):
+            places[item.name] = [index]
+            if item.kind == "position":
+                continue
+            if item.name.count(".") == 2:  # component of a vector
+                places.setdefault(item.name.rpartition(".")[0], []).append(index)
+            elif item.kind in PARAMETERS and len(PARAMETERS[item.kind].components) == 1:
+                common.setdefault((item.kind, ALL), []).append(index)
+                if item.span_utc is not None:
+                    common.setdefault((item.kind, owner(item)), []).append(index)
+        for indices in places.values():
+            columns = np.zeros((len(self.problem.whitened), len(indices)))
+            # The residual of an a-priori value is that value less the estimate, over its sigma.
+            columns[first + np.array(indices), np.arange(len(indices))] = -1.0
+            yield self._wrong_prior([priors[index] for index in indices], columns)
+        for (kind, member), indices in common.items():
+            if len(indices) > 1:
+                sigmas = np.array([priors[index].prior_sigma for index in indices])
+                columns = np.zeros((len(self.problem.whitened), 1))
+                columns[first + np.array(indices), 0] = -sigmas.max() / sigmas
+                role, unit = priors[indices[0]].role, priors[indices[0]].unit
+                yield Hypothesis(
+                    _prior_family(role),
+                    "a priori",
+                    f"{kind}.{member}",
+                    columns,
+                    sigmas.max(keepdims=True),
+                    unit,
+                )
+
+    def _wrong_prior(self, items: list[Parameter], columns: Floats) -> Hypothesis:
+        """Return the error of the a-priori value of a parameter, or of several components of a vector."""
+        kind, _, label = items[0].name.partition(".")
+        name, _, component = label.partition(".") if kind != "position" else (label, "", "")
+        return Hypothesis(
+            _prior_family(items[0].role),
+            "a priori",
+            f"{kind}.{name}".rstrip("."),
+            columns,
+            np.array([item.prior_sigma for item in items]),
+            items[0].unit,
+            tuple(item.name.rpartition(".")[2] if component else "" for item in items),
+            np.array([item.prior_value for item in items]),
+        )
+
+    def _parameters(self) -> Iterator[Hypothesis]:
+        """Yield errors of parameters that the fit holds at zero."""
+        if self.candidates is None:
+            return
+        groups = dict[str, list[int]]()
+        for index, item in enumerate(self.candidates.parameters):
+            groups.setdefault(item.kind, []).append(index)
+        types = {self.order.series[code].kind for code in self.codes}
+        for kind, indices in groups.items():
+            items = [self.candidates.parameters.parameters[index] for index in indices]
+            components = PARAMETERS[kind].components
+            for k in range(0, len(items), len(components)):
+                members = items[k : k + len(components)]
+                columns = self.problem.candidate_columns(indices[k : k + len(components)])
+                name = f"{kind}.{owner(members[0])}".rstrip(".")
+                yield _held_at_zero(name, columns, members, components)
+            if len(components) > 1 or (len(items) == 1 and len(types) == 1):
+                continue
+            of_types = dict[str, Floats]()
+            for name in sorted(types):
+                codes = [code for code in self.codes if self.order.series[code].kind == name]
+                columns = self.problem.candidate_columns(indices, codes)
+                if columns.any():
+                    of_types[name] = columns.sum(axis=1, keepdims=True)
+            if len(items) > 1:
+                yield _held_at_zero(f"{kind}.{ALL}", sum(of_types.values(), np.zeros((1, 1))), items[:1])
+            if len(of_types) > 1:
+                for name, columns in of_types.items():
+                    yield _held_at_zero(f"{kind}.{name}", columns, items[:1])
+
+
+def _held_at_zero(
+    name: str, columns: Floats, items: list[Parameter], components: tuple[str, ...] = ("",)
+) -> Hypothesis:
+    sigmas = np.array([item.prior_sigma for item in items])
+    return Hypothesis(Family.PARAMETER, "parameter", name, columns, sigmas, items[0].unit, components)
+
+
+def _prior_family(role: Role) -> Family:
+    return Family.CONSIDERED_PRIOR if role is Role.CONSIDERED else Family.STATED_PRIOR
+
+
+def passes(problem: BinnedProblem, links: Iterable[int]) -> list[tuple[float, float]]:
+    """Begin and end of each pass of some links, s."""
+    time_s = problem.times_s(links)
+    gaps = np.flatnonzero(np.diff(time_s) > 3600.0 * PASS_GAP_H)
+    begin, end = np.append(0, gaps + 1), np.append(gaps, len(time_s) - 1)
+    return list(zip(time_s[begin].tolist(), time_s[end].tolist(), strict=True))

@@ -229,8 +229,8 @@ def assess_consistency(
         if finding.hypothesis is None:
             break
         group_tests = search.groups(problem)
-    found = tuple(search.joint_records(findings, problem))
-    return Consistency(groups, found, adapted_estimate(problem, hypotheses.fit) if found else None)
+    records = tuple(search.joint_records(findings, problem))
+    return Consistency(groups, records, adapted_estimate(problem, hypotheses.fit) if records else None)
 
 
 def rejected_runs(

@@ -181,7 +181,9 @@ class EstimationProblem:
             if not owners.get(name, set()) <= present.keys():  # parameters of another scope
                 continue
             absent = [member for member in present if member not in owners.get(name, ())]
-            sigmas, _ = default_sigmas(kind, ObservationRows(arc), present)
+            sigmas, reason = default_sigmas(kind, ObservationRows(arc), present)
+            if reason:  # such as signals without a frequency
+                continue
             choice = ParameterChoice(
                 tuple(absent) if kind.scopes[0].named else "all",
                 sigma={member: sigmas.get(member) or kind.scale for member in absent},

@@ -165,8 +165,8 @@ def plot_trials(study: MonteCarlo, ax: Axes | None = None) -> Figure:
         axes.plot(0.0, 0.0, "+", color=COLORS[6], markersize=9, markeredgewidth=1.2, label="truth")
         axes.set_xlim(-factor * reach_m, factor * reach_m)
         axes.set_ylim(-factor * reach_m, factor * reach_m)
-        when = f" at {study.at_h[k]:.1f} h" if study.at_h else ""
-        axes.set_title(f"{study.hours[k]:g} h{when}", fontsize=9)
+        epoch_text = f" at {study.at_h[k]:.1f} h" if study.at_h else ""
+        axes.set_title(f"{study.hours[k]:g} h{epoch_text}", fontsize=9)
     for axes in panels[-columns:]:  # the lowest of each column
         axes.tick_params(labelbottom=True)
         axes.set_xlabel(f"{first}{relation} the truth ({unit})")

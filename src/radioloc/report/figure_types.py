@@ -111,8 +111,8 @@ def plot(result: Result, name: str, ax: Axes | None = None) -> Figure:
     """
     declared = {figure_type.stem: figure_type for figure_type in figures_of(result)}
     if name not in declared:
-        known = ", ".join(declared) or "none"
-        raise InputError(f"figure of a {type(result).__name__}: expected one of {known}, got {name!r}")
+        names = ", ".join(declared) or "none"
+        raise InputError(f"figure of a {type(result).__name__}: expected one of {names}, got {name!r}")
     draw = declared[name].draw
     for figure in FigureType._figures(draw(result) if ax is None else draw(result, ax=ax)):
         return figure
@@ -127,8 +127,8 @@ def figures_of(result: Result) -> list[FigureType]:
 def _draw_residuals(solution: Solution, ax: Axes | None = None) -> Figure:
     rows = solution.residuals
     # Ranges and Doppler of a station have no common scale, and a delay belongs to two stations.
-    apart = len(rows.types.present()) > 1 or any("<" in path for path in rows.paths.present())
-    return (plot_links if apart else plot_residuals)(solution, ax=ax)
+    by_type = len(rows.types.present()) > 1 or any("<" in path for path in rows.paths.present())
+    return (plot_links if by_type else plot_residuals)(solution, ax=ax)
 
 
 def _draw_map(result: Result, ax: Axes | None = None) -> Figure | None:

@@ -298,9 +298,9 @@ def save_figure(figure: Figure, paths: Iterable[str | Path] | str | Path) -> Non
 
     files = [Path(path) for path in ([paths] if isinstance(paths, str | Path) else paths)]
     endings = [path.suffix.removeprefix(".").lower() for path in files]
-    known = figure.canvas.get_supported_filetypes()
+    formats = figure.canvas.get_supported_filetypes()
     for path, ending in zip(files, endings, strict=True):
-        if ending not in known:
+        if ending not in formats:
             raise InputError(f"{path}: figures cannot be written as {ending!r}; use .png, .svg or .pdf")
     engine, own_dpi = figure.get_layout_engine(), figure.dpi
     # Neither the hour nor chance belongs in a figure: the same figure makes the same file. It is laid out once for all

@@ -341,8 +341,8 @@ def plot_terms(terms: Mapping[str, Floats], observations: Observations, ax: Axes
         panel_title(axes, name, "left", fontsize=8, fontweight="bold")
         panel_title(axes, f"up to {factor * largest_m[name]:.3g} {unit}", "right", fontsize=6.5)
     date_axes(panels, dates, (3, 6), columns)
-    nothing = [name for name in terms if name not in shown]
-    note = f"below {1e6 * _MIN_TERM_M:g} micrometres: {', '.join(nothing)}" if nothing else None
+    absent = [name for name in terms if name not in shown]
+    note = f"below {1e6 * _MIN_TERM_M:g} micrometres: {', '.join(absent)}" if absent else None
     legend_outside(figure, panels[:1], 7, title=note, title_fontsize=7, markerscale=3.0)
     return figure.figure
 
@@ -364,40 +364,42 @@ def plot_distribution(solution: Solution | Residuals, ax: Axes | None = None) ->
     reach = 1.08 * max(_MIN_REACH_SIGMAS, float(np.abs(size[used] - middle).max()))
     name = f"{solution.name}: " if isinstance(solution, Solution) else ""
     figure = several_panels(ax, 8.4, 3.9, f"{name}residuals over their sigmas")
-    left, right = figure.subplots(1, 2, sharey=True, width_ratios=(2.2, 1.0))
-    for axes in (left, right):
+    by_elevation, histogram = figure.subplots(1, 2, sharey=True, width_ratios=(2.2, 1.0))
+    for axes in (by_elevation, histogram):
         style_axes(axes)
         axes.axhline(0.0, color="0.4", linewidth=0.8)
-    _draw_dots(left, residuals, size)
+    _draw_dots(by_elevation, residuals, size)
     out = np.clip(size[~used], middle - 0.97 * reach, middle + 0.97 * reach)
     if len(out):
         style: dict[str, Any] = {"color": _REJECTED_COLOR, "markersize": 4, "linestyle": "none"}
         style |= {"rasterized": len(out) > MAX_POINTS, "label": f"{len(out)} rejected"}
-        left.plot(elevation_deg[~used], out, "x", **style)
+        by_elevation.plot(elevation_deg[~used], out, "x", **style)
     bins = np.floor(elevation_deg[used] / _BIN_DEG)
     numbers, place, count = np.unique(bins, return_inverse=True, return_counts=True)
     rms = np.sqrt(np.bincount(place, size[used] ** 2) / count)
     is_full = count >= _MIN_BIN_COUNT
     at_deg = (numbers[is_full] + 0.5) * _BIN_DEG
-    left.plot(at_deg, rms[is_full], "-s", color="black", markersize=3, label=f"rms in {_BIN_DEG:g} deg")
-    left.set_xlabel("elevation (deg)")
-    left.set_ylabel("residual over sigma")
-    left.set_ylim(middle - reach, middle + reach)
+    by_elevation.plot(
+        at_deg, rms[is_full], "-s", color="black", markersize=3, label=f"rms in {_BIN_DEG:g} deg"
+    )
+    by_elevation.set_xlabel("elevation (deg)")
+    by_elevation.set_ylabel("residual over sigma")
+    by_elevation.set_ylim(middle - reach, middle + reach)
     edges = np.linspace(middle - reach, middle + reach, int(min(60, 8 + 2.0 * math.sqrt(used.sum()))) + 1)
-    right.hist(size[used], edges, density=True, orientation="horizontal", color=COLORS[0], alpha=0.6)
+    histogram.hist(size[used], edges, density=True, orientation="horizontal", color=COLORS[0], alpha=0.6)
     curve = np.linspace(-reach, reach, 401)
     density = np.exp(-0.5 * curve**2) / math.sqrt(2.0 * math.pi)
-    right.plot(density, curve, color="black", lw=1.2, label="normal")
-    right.set_xlabel("density")
+    histogram.plot(density, curve, color="black", lw=1.2, label="normal")
+    histogram.set_xlabel("density")
     beyond = 100.0 * float((np.abs(size[used]) > _TAIL_SIGMAS).mean())
-    right.set_title(
+    histogram.set_title(
         f"rms {np.sqrt(np.mean(size[used] ** 2)):.3g}; beyond {_TAIL_SIGMAS:g} sigma:\n{beyond:.3g} %, "
         f"normal {100.0 * _NORMAL_TAIL_FRACTION:.2g} %",
         fontsize=7.5,
         color="0.3",
     )
-    right.legend(fontsize=7, frameon=False, loc="lower right")
-    legend = legend_outside(figure, [left], 6, markerscale=1.5)
+    histogram.legend(fontsize=7, frameon=False, loc="lower right")
+    legend = legend_outside(figure, [by_elevation], 6, markerscale=1.5)
     for handle in legend.get_lines():
         handle.set_alpha(1.0)
     return figure.figure

@@ -137,10 +137,10 @@ class Comparison(Result):
             )
 
     def _untested(self) -> Iterator[str]:
-        for why in dict.fromkeys(pair.why for pair in self.agreements if pair.why):
-            pairs = [f"{pair.one} and {pair.two}" for pair in self.agreements if pair.why == why]
+        for reason in dict.fromkeys(pair.why for pair in self.agreements if pair.why):
+            pairs = [f"{pair.one} and {pair.two}" for pair in self.agreements if pair.why == reason]
             names = "; ".join(pairs) if len(pairs) <= _MAX_NAMED_PAIRS else plural(len(pairs), "pair")
-            yield f"{names} are not tested: {why}"
+            yield f"{names} are not tested: {reason}"
 
     def _joint(self) -> Iterator[str]:
         if self.joint is None:
@@ -152,8 +152,8 @@ class Comparison(Result):
             f"{' and '.join(self.joint.names)}; sigmas east {east}, north {north}, up {up} m"
         )
         yield f"chi2 {self.joint.chi2:.2f} with {plural(self.joint.dof, 'degree')} of freedom"
-        for name, why in self.joint.left_out.items():
-            yield f"{name} excluded: {why}"
+        for name, reason in self.joint.left_out.items():
+            yield f"{name} excluded: {reason}"
 
 
 class _Pair(Protocol):

@@ -43,8 +43,8 @@ def parameter_name(identifier: str) -> str:
     name, _, number = parameter_label(identifier).rpartition(" ")
     if number.isdigit() and not name.endswith(", session"):
         return f"{name}, pass {number}"
-    first, _, others = f"{name} {number}".partition(" ")
-    return f"{_DIRECTIONS.get(first, first)} {others}".rstrip()
+    first, _, owner = f"{name} {number}".partition(" ")
+    return f"{_DIRECTIONS.get(first, first)} {owner}".rstrip()
 
 
 def with_parameter_names(text: str, parameters: Iterable[Parameter]) -> str:

@@ -61,5 +61,5 @@ def result_type(result: Result) -> ResultType:
     for entry in RESULTS.values():
         if isinstance(result, entry.type):
             return entry
-    known = ", ".join(entry.type.__name__ for entry in RESULTS.values())
-    raise InputError(f"expected a result ({known}), got a {type(result).__name__}")
+    names = ", ".join(entry.type.__name__ for entry in RESULTS.values())
+    raise InputError(f"expected a result ({names}), got a {type(result).__name__}")

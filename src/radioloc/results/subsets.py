@@ -342,9 +342,9 @@ class ArcStudy(Result):
             "in sigmas",
         )
         for name, state in self.longest.states.items():
-            where = f"of {state.orbit.name}, 1 sigma at {utc_strings(state.epoch, 0)[0]} TDB"
+            text = f"of {state.orbit.name}, 1 sigma at {utc_strings(state.epoch, 0)[0]} TDB"
             rows = [_state_cells(row) for row in self.states if row.target == name]
-            yield Field("state", (where,), heading, rows)
+            yield Field("state", (text,), heading, rows)
 
     def __repr__(self) -> str:
         hours = ", ".join(f"{arc.hours:g}" for arc in self.arcs)

@@ -52,7 +52,7 @@ def study():
 
 
 @pytest.fixture(scope="module")
-def found(study, tracked):
+def arc_study(study, tracked):
     return radioloc.arcs(study, (12, 24, 48), tracked)
 
 
@@ -63,36 +63,36 @@ def test_longitudes_meet_beyond_180_degrees():
 
 
 @pytest.mark.parametrize("k", range(3))
-def test_each_arc_is_what_it_would_be_alone(k, found, study, tracked):
-    arc = found.arcs[k]
+def test_each_arc_is_what_it_would_be_alone(k, arc_study, study, tracked):
+    arc = arc_study.arcs[k]
     choice = ObservationChoice(hours=arc.hours)
-    alone = radioloc.locate(replace(study, observations=choice), tracked)
-    one = arc.solution
-    assert len(one.residuals) == len(alone.residuals)
-    np.testing.assert_allclose(one.position_pa_m, alone.position_pa_m, rtol=0.0, atol=SAME_M)
-    np.testing.assert_allclose(one.covariance, alone.covariance, rtol=1e-5, atol=0.0)
-    assert one.parameters.names == alone.parameters.names
-    np.testing.assert_allclose(one.values, alone.values, rtol=0.0, atol=SAME_M)
-    assert one.provenance["not_selected"] == alone.provenance["not_selected"]
-    assert one.notes == alone.notes
-    assert one.name == f"landing site, {arc.hours:g} h"
+    separate_solution = radioloc.locate(replace(study, observations=choice), tracked)
+    item = arc.solution
+    assert len(item.residuals) == len(separate_solution.residuals)
+    np.testing.assert_allclose(item.position_pa_m, separate_solution.position_pa_m, rtol=0.0, atol=SAME_M)
+    np.testing.assert_allclose(item.covariance, separate_solution.covariance, rtol=1e-5, atol=0.0)
+    assert item.parameters.names == separate_solution.parameters.names
+    np.testing.assert_allclose(item.values, separate_solution.values, rtol=0.0, atol=SAME_M)
+    assert item.provenance["not_selected"] == separate_solution.provenance["not_selected"]
+    assert item.notes == separate_solution.notes
+    assert item.name == f"landing site, {arc.hours:g} h"
 
 
-def test_arcs_agree_with_the_truth_within_their_sigmas(found):
-    for arc in found.arcs:
+def test_arcs_agree_with_the_truth_within_their_sigmas(arc_study):
+    for arc in arc_study.arcs:
         assert arc.solution.converged
         # Three coordinates: 1e-5 of chance above 5.1 sigmas.
         assert arc.solution.reference.combined_sigmas < 5.1
         for name, (value_m, sigma_m) in arc.solution.biases().items():
             assert abs(value_m - BIAS_M[name]) < 4.5 * sigma_m
-    assert [arc.hours for arc in found.arcs] == [48.0, 24.0, 12.0]
-    assert all(arc.span_h <= arc.hours for arc in found.arcs)
+    assert [arc.hours for arc in arc_study.arcs] == [48.0, 24.0, 12.0]
+    assert all(arc.span_h <= arc.hours for arc in arc_study.arcs)
 
 
-def test_rows_hold_the_differences_of_the_solutions(found):
-    rows = {row.name: row for row in found.rows}
+def test_rows_hold_the_differences_of_the_solutions(arc_study):
+    rows = {row.name: row for row in arc_study.rows}
     assert list(rows) == ["48 h", "24 h", "12 h", "Chang'e-2 DOM", "LROC NAC DOM", "LROC NAC image"]
-    for arc in found.arcs:
+    for arc in arc_study.arcs:
         row, comparison = rows[arc.name], arc.solution.reference
         # On the sphere of 1737.4 km, not 2.5 km below: 0.15 %, and a plane instead of a sphere.
         assert row.west_m == pytest.approx(-comparison.east_m, rel=2e-3, abs=0.01)
@@ -112,26 +112,26 @@ def test_rows_hold_the_differences_of_the_solutions(found):
 
 
 def test_without_references_the_longest_arc_is_the_benchmark(study, tracked):
-    found = radioloc.arcs(replace(study, reference=None, references=()), [6.0, 12.0], tracked)
-    longest, shorter = found.rows
+    arc_study = radioloc.arcs(replace(study, reference=None, references=()), [6.0, 12.0], tracked)
+    longest, shorter = arc_study.rows
     assert longest.west_m is None
     assert shorter.from_longest_m == pytest.approx(np.hypot(shorter.west_m, shorter.north_m))
-    assert found.to_dict()["benchmark"] == "the arc of 12 h"
+    assert arc_study.to_dict()["benchmark"] == "the arc of 12 h"
 
 
 def test_lengths_in_any_order_and_once_each(study, tracked):
-    found = radioloc.arcs(study, np.array([12.0, 6.0, 12.0]), tracked)
-    assert [arc.name for arc in found.arcs] == ["12 h", "6 h"]
+    arc_study = radioloc.arcs(study, np.array([12.0, 6.0, 12.0]), tracked)
+    assert [arc.name for arc in arc_study.arcs] == ["12 h", "6 h"]
     assert [arc.name for arc in radioloc.arcs(study, 6, tracked).arcs] == ["6 h"]
 
 
 def test_hours_count_from_the_start_of_the_study(study, tracked):
     start = radioloc.time.epochs_from_strings("2020-12-01T21:11:00", "UTC")
     choice = ObservationChoice(start=start, hours=1.0)
-    found = radioloc.arcs(replace(study, observations=choice), [6.0, 12.0], tracked)
-    assert [arc.span_h for arc in found.arcs] == pytest.approx([12.0, 6.0], abs=1e-6)
+    arc_study = radioloc.arcs(replace(study, observations=choice), [6.0, 12.0], tracked)
+    assert [arc.span_h for arc in arc_study.arcs] == pytest.approx([12.0, 6.0], abs=1e-6)
     # What lies before the start is never there; the later hours are counted once.
-    for arc in found.arcs:
+    for arc in arc_study.arcs:
         left_out = arc.solution.provenance["not_selected"]["outside the time span"]
         assert left_out + len(arc.solution.residuals) == len(tracked)
 
@@ -157,10 +157,10 @@ def test_an_arc_without_observations(study, tracked):
 
 
 @pytest.mark.study
-def test_arcs_depart_from_the_longest_by_what_they_should(found, study, tracked):
-    for row in found.rows[1:3]:
+def test_arcs_depart_from_the_longest_by_what_they_should(arc_study, study, tracked):
+    for row in arc_study.rows[1:3]:
         assert row.from_longest_sigmas < 4.8  # 1e-5 of chance
-    assert "the sigmas are too small" not in str(found)
+    assert "the sigmas are too small" not in str(arc_study)
     # An error of ranges that lasts half a day: the residuals show it, and the sigmas hold it.
     hours = 24.0 * (tracked.epoch.fraction + tracked.epoch.jd - tracked.epoch.jd[0])
     wrong = np.where((tracked.types() == "range") & (hours > 30.0), 4.0, 0.0)
@@ -188,15 +188,15 @@ def test_arcs_depart_from_the_longest_by_what_they_should(found, study, tracked)
 
 def test_departure_is_that_of_two_independent_halves():
     """By hand: the mean of four values of variance 1 differs from that of the first two by variance 1/2 - 1/4."""
-    whole, part = toy_pair(0.25), toy_pair(0.5)
+    complete, part = toy_pair(0.25), toy_pair(0.5)
     apart_m = np.array([0.6, 0.0, 0.0])
     sigmas = horizontal_sigmas(
-        replace(part, position_pa_m=part.position_pa_m + part.rot_pa_to_enu.T @ apart_m), whole
+        replace(part, position_pa_m=part.position_pa_m + part.rot_pa_to_enu.T @ apart_m), complete
     )
     assert sigmas == pytest.approx(0.6 / 0.5, rel=1e-9)
-    assert horizontal_sigmas(whole, part) is None
-    lost = replace(part, covariance=np.diag([np.inf] * 3))
-    assert horizontal_sigmas(lost, whole) is None
+    assert horizontal_sigmas(complete, part) is None
+    failed = replace(part, covariance=np.diag([np.inf] * 3))
+    assert horizontal_sigmas(failed, complete) is None
 
 
 def toy_pair(variance_m2):
@@ -205,19 +205,19 @@ def toy_pair(variance_m2):
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_what_is_written(found, tmp_path):
+def test_what_is_written(arc_study, tmp_path):
     folder = tmp_path
-    radioloc.write_report(folder, found)
-    assert json.loads((folder / "arcs.json").read_text()) == json.loads(json.dumps(found.to_dict()))
+    radioloc.write_report(folder, arc_study)
+    assert json.loads((folder / "arcs.json").read_text()) == json.loads(json.dumps(arc_study.to_dict()))
     with (folder / "table1.csv").open(newline="") as stream:
         rows = list(csv.DictReader(stream))
-    assert [row["name"] for row in rows] == [row.name for row in found.rows]
-    for row, record in zip(found.rows, rows, strict=True):
+    assert [row["name"] for row in rows] == [row.name for row in arc_study.rows]
+    for row, record in zip(arc_study.rows, rows, strict=True):
         for key, value in asdict(row).items():
             assert record[key] == ("" if value is None else str(value)), key
-    value_m, sigma_m = found.longest.biases()["KASHI"]
+    value_m, sigma_m = arc_study.longest.biases()["KASHI"]
     assert float(rows[0]["range_bias.KASHI"]) == value_m
     assert float(rows[0]["range_bias.KASHI.sigma"]) == sigma_m
     assert rows[4]["range_bias.KASHI"] == ""
     lines = (folder / "12h" / "residuals.csv").read_text().splitlines()
-    assert len(lines) == 1 + len(found.arcs[2].solution.residuals)
+    assert len(lines) == 1 + len(arc_study.arcs[2].solution.residuals)

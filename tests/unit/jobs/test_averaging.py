@@ -53,21 +53,21 @@ def test_sums_are_those_of_the_longer_count():
     assert (averaged.count_s == 10.0).all()
     np.testing.assert_allclose(averaged.sigma_m, 0.001 * 10.0**0.5, rtol=1e-12)
     assert averaged.line.tolist() == [1, 11, 21]
-    again, left_out = with_averaged_counts(averaged, 10.0)
-    assert again is averaged
+    repeated, left_out = with_averaged_counts(averaged, 10.0)
+    assert repeated is averaged
     assert left_out == 0
 
 
 def test_nothing_is_summed_over_gaps_links_frequencies_or_types():
     seconds = np.concatenate([np.arange(6.0), np.arange(7.0, 13.0), np.arange(13.0, 19.0)])
-    other = np.repeat([2.1e9, 2.1e9, 2.1001e9], 6)
-    both = Observations.concatenate([counts(seconds, uplink_hz=other), counts(seconds[:6], link=1)])
-    shuffled = both.select(np.random.default_rng(4).permutation(len(both)))
+    second = np.repeat([2.1e9, 2.1e9, 2.1001e9], 6)
+    joint = Observations.concatenate([counts(seconds, uplink_hz=second), counts(seconds[:6], link=1)])
+    shuffled = joint.select(np.random.default_rng(4).permutation(len(joint)))
     averaged, left_out = with_averaged_counts(shuffled, 3.0)
     assert left_out == 0
     order = np.lexsort((since_s(averaged), averaged.paths()))
-    found = since_s(averaged)[order]
-    np.testing.assert_allclose(found, [1.0, 4.0, 1.0, 4.0, 8.0, 11.0, 14.0, 17.0], rtol=0.0, atol=1e-9)
+    solution = since_s(averaged)[order]
+    np.testing.assert_allclose(solution, [1.0, 4.0, 1.0, 4.0, 8.0, 11.0, 14.0, 17.0], rtol=0.0, atol=1e-9)
     assert len(np.unique(averaged.uplink_hz)) == 2
     _, left_out = with_averaged_counts(shuffled, 4.0)
     assert left_out == 8
@@ -83,8 +83,8 @@ def test_other_rows_stay_in_their_places():
     assert left_out == 0
     assert averaged.types().tolist() == ["doppler", "range", "doppler", "doppler"]
     assert averaged.count_s.tolist()[::2] == [2.0, 60.0]
-    alone, left_out = with_averaged_counts(mixed, 5.0)
-    assert (len(alone), left_out) == (2, 4)
+    separate, left_out = with_averaged_counts(mixed, 5.0)
+    assert (len(separate), left_out) == (2, 4)
 
 
 def test_an_interval_that_is_no_multiple():

@@ -36,13 +36,13 @@ def test_the_files_are_what_the_script_makes(script, tmp_path):
     script.write(tmp_path)
     shutil.copy(EXAMPLE / "sites.txt", tmp_path)
     shutil.copy(EXAMPLE / "beacon.toml", tmp_path)
-    told = radioloc.read_study(EXAMPLE / "beacon.toml").observations.frequencies
+    output = radioloc.read_study(EXAMPLE / "beacon.toml").observations.frequencies
     for file in script.FILES.values():
-        made, shipped = (
-            radioloc.read_observations(folder / file, frequencies=told) for folder in (tmp_path, EXAMPLE)
+        simulated, shipped = (
+            radioloc.read_observations(folder / file, frequencies=output) for folder in (tmp_path, EXAMPLE)
         )
-        assert np.array_equal(made.epoch.mjd, shipped.epoch.mjd)
-        apart_hz = script.BEACON_HZ * np.abs(made.value_m - shipped.value_m) / (C_M_S * script.COUNT_S)
+        assert np.array_equal(simulated.epoch.mjd, shipped.epoch.mjd)
+        apart_hz = script.BEACON_HZ * np.abs(simulated.value_m - shipped.value_m) / (C_M_S * script.COUNT_S)
         assert apart_hz.max() < ROUNDED_HZ + REVISED_HZ
 
 
@@ -52,17 +52,17 @@ def test_tens_of_kilometres(solution):
     assert solution.residuals.used.all()
     [station] = {path for path in solution.residuals.path.tolist() if path.endswith("9001")}
     assert station == "beacon>COSPAR 9001"
-    found = solution.to_dict()
-    assert found["reference"]["horizontal_m"] < 20e3
-    assert 5e3 < found["sigma"]["east_m"] < 20e3
-    assert 10e3 < found["sigma"]["north_m"] < 30e3
+    result = solution.to_dict()
+    assert result["reference"]["horizontal_m"] < 20e3
+    assert 5e3 < result["sigma"]["east_m"] < 20e3
+    assert 10e3 < result["sigma"]["north_m"] < 30e3
 
 
 def test_the_frequency_of_the_beacon_and_the_noise_of_readings(solution, script):
     """One offset for each pass: that of the beacon, which wanders, less that of the receiver's standard."""
-    found = [p for p in solution.to_dict()["parameters"] if p["name"].startswith("frequency_offset")]
-    assert len(found) == 14
-    offsets = np.array([p["value"] for p in found])
+    result = [p for p in solution.to_dict()["parameters"] if p["name"].startswith("frequency_offset")]
+    assert len(result) == 14
+    offsets = np.array([p["value"] for p in result])
     expected = -script.BEACON_OFF_HZ / script.BEACON_HZ
     assert np.abs(offsets - expected).max() < 4.0 * script.RECEIVER
     residual_hz = script.BEACON_HZ * solution.residuals.residual_m / (C_M_S * script.COUNT_S)
@@ -74,14 +74,14 @@ def test_a_nominal_frequency_that_is_far_off_does_not_move_the_lander(solution):
     study = radioloc.read_study(EXAMPLE / "beacon.toml")
     [sent] = study.observations.frequencies
     wrong = replace(sent, transmit_hz=sent.transmit_hz + 1.5e6)
-    found = radioloc.locate(replace(study, observations=replace(study.observations, frequencies=[wrong])))
-    assert found.converged
-    assert np.linalg.norm(found.position_pa_m - solution.position_pa_m) < WEIGHTS_M
+    result = radioloc.locate(replace(study, observations=replace(study.observations, frequencies=[wrong])))
+    assert result.converged
+    assert np.linalg.norm(result.position_pa_m - solution.position_pa_m) < WEIGHTS_M
 
 
 @pytest.mark.study
 def test_without_a_height_it_does_not_end_on_the_moon():
-    alone = radioloc.locate(EXAMPLE / "doppler_alone.toml")
-    assert not alone.converged
-    assert alone.status is not FitStatus.CONVERGED
-    assert alone.to_dict()["sigma"]["up_m"] > 1e5
+    separate_solution = radioloc.locate(EXAMPLE / "doppler_alone.toml")
+    assert not separate_solution.converged
+    assert separate_solution.status is not FitStatus.CONVERGED
+    assert separate_solution.to_dict()["sigma"]["up_m"] > 1e5

@@ -18,15 +18,15 @@ LROC = {"LROC NAC image map": (-13.3, 21.2), "LROC NAC image": (-2.2, -24.3)}
 
 
 @pytest.fixture(scope="module")
-def found():
+def arc_study():
     return radioloc.arcs(radioloc.read_study(EXAMPLE), (12, 24, 48))
 
 
 @pytest.mark.slow
-def test_arcs_lie_where_the_paper_has_them(found):
+def test_arcs_lie_where_the_paper_has_them(arc_study):
     """Wang et al. (2021), section 3: within 100 m of the benchmark and of 48 h; table 1: that of 48 h within 30 m."""
-    assert found.converged
-    arcs = found.rows[:3]
+    assert arc_study.converged
+    arcs = arc_study.rows[:3]
     assert [row.name for row in arcs] == ["48 h", "24 h", "12 h"]
     for row in arcs:
         assert np.hypot(row.west_m, row.north_m) < 100.0
@@ -35,12 +35,12 @@ def test_arcs_lie_where_the_paper_has_them(found):
 
 
 @pytest.mark.slow
-def test_table_1_in_full_from_tracking_and_images(found, tmp_path):
+def test_table_1_in_full_from_tracking_and_images(arc_study, tmp_path):
     """Arcs, images of the same lander on a map that is 30 m off to the east and 20 m to the south, references."""
     images = read_image_study(EXAMPLE.parents[1] / "images" / "descent.toml")
     files = images.images.files
     some = replace(images, images=replace(images.images, files=(*files[:3], *files[3::2])))
-    write_json(tmp_path / "arcs.json", found.to_dict())
+    write_json(tmp_path / "arcs.json", arc_study.to_dict())
     write_json(tmp_path / "images.json", radioloc.imaging.locate_images(some).to_dict())
     point = radioloc.imaging.locate_images(
         read_image_study(EXAMPLE.parents[1] / "images" / "orbital_image.toml")
@@ -83,10 +83,10 @@ def test_table_1_in_full_from_tracking_and_images(found, tmp_path):
 def test_residuals_are_those_of_the_paper():
     """Section 3: VLBI delays are better than 2 m, ranges better than 10 m, where no errors are considered."""
     study = radioloc.read_study(EXAMPLE)
-    found = radioloc.arcs(replace(study, consider={}, consider_defaults=False), (48,))
-    rows = found.longest.residuals
+    arc_study = radioloc.arcs(replace(study, consider={}, consider_defaults=False), (48,))
+    rows = arc_study.longest.residuals
     for kind, largest_m in (("vlbi_delay", 2.0), ("range", 10.0)):
         used = rows.used & (rows.type == kind)
         assert used.sum() > 3000
         assert np.abs(rows.residual_m[used]).max() < largest_m
-    assert found.longest.fit.total.rejected < 0.01 * len(rows)
+    assert arc_study.longest.fit.total.rejected < 0.01 * len(rows)

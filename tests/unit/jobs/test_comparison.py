@@ -23,10 +23,10 @@ TABLE_1 = {
 }
 
 
-def solution(name, place, sigma_m=10.0, **more):
+def solution(name, place, sigma_m=10.0, **extra):
     """What a program writes of a position with equal sigmas."""
     origin = {"study": None, "files": [f"{name}.csv"]}
-    return recorded(name, place, (sigma_m,) * 3, provenance=origin) | more
+    return recorded(name, place, (sigma_m,) * 3, provenance=origin) | extra
 
 
 def written(folder, content):
@@ -47,8 +47,8 @@ def table(tmp_path):
 
 
 def test_differences_are_those_of_the_paper(table, tmp_path):
-    found = compare(table, "Image matching to Chang'e-2 DOM")
-    rows = {row.name: row for row in found.rows}
+    comparison = compare(table, "Image matching to Chang'e-2 DOM")
+    rows = {row.name: row for row in comparison.rows}
     for name, (_, _, west_m, north_m) in TABLE_1.items():
         if west_m is None:
             assert (rows[name].west_m, rows[name].north_m) == (None, None)
@@ -71,8 +71,8 @@ def test_differences_are_those_of_the_paper(table, tmp_path):
 
 def test_stated_positions_are_the_tables_of_both_papers():
     change5 = compare([EXAMPLES / "change5" / "table1.toml"], "Chang'e-2 image map")
-    found = [(row.west_m, row.north_m) for row in change5.rows[1:]]
-    assert np.abs(np.subtract(found, [row[2:] for row in list(TABLE_1.values())[1:]])).max() < 0.0501
+    solution = [(row.west_m, row.north_m) for row in change5.rows[1:]]
+    assert np.abs(np.subtract(solution, [row[2:] for row in list(TABLE_1.values())[1:]])).max() < 0.0501
     assert change5.joint is None
     change3 = compare([EXAMPLES / "change3" / "table4.toml"], "VLBI, first value")
     row = change3.rows[0]
@@ -140,10 +140,10 @@ def test_other_files_frames_and_references_are_refused(table, tmp_path, capsys):
     text.write_text("[1, 2")
     assert main(["compare", str(text)]) == 2
     assert f"{text}, line 1: is neither a solution.json nor an arcs.json" in capsys.readouterr().err
-    other = solution("other", (0.0, 0.0, 0.0))
-    other["position"]["me"]["frame"] = "ME_DE440"
+    second = solution("other", (0.0, 0.0, 0.0))
+    second["position"]["me"]["frame"] = "ME_DE440"
     with pytest.raises(InputError, match="use one ephemeris for all"):
-        compare([table[0], written(tmp_path / "other", other)])
+        compare([table[0], written(tmp_path / "other", second)])
     with pytest.raises(InputError, match=r"expected .* got int"):
         compare([3])
     with pytest.raises(InputError, match=r"expected one of Image matching.* got 'LOLA'"):

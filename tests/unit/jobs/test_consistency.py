@@ -24,14 +24,14 @@ EPOCHS = [pytest.param(1, marks=pytest.mark.slow, id="all epochs"), pytest.param
 
 
 @pytest.fixture(scope="module")
-def whole(study):
+def full_tracking(study):
     return radioloc.read_observations(study.observations.files)
 
 
 @pytest.fixture(scope="module", params=EPOCHS)
-def tracking(whole, request):
-    epochs = np.unique(whole.epoch.mjd, return_inverse=True)[1]
-    return whole.select(np.flatnonzero(epochs % request.param == 0))
+def tracking(full_tracking, request):
+    epochs = np.unique(full_tracking.epoch.mjd, return_inverse=True)[1]
+    return full_tracking.select(np.flatnonzero(epochs % request.param == 0))
 
 
 @pytest.fixture(scope="module")
@@ -39,7 +39,7 @@ def fitted(study, tracking):
     return radioloc.locate(study, tracking)
 
 
-def found(study, observations, added_m):
+def strongest_test(study, observations, added_m):
     solution = radioloc.locate(study, replace(observations, value_m=observations.value_m + added_m))
     assert str(solution.consistency.found[0]) in " ".join(str(solution).split())
     return solution, solution.consistency.found[0]
@@ -53,7 +53,7 @@ def test_clock_of_a_vlbi_station(study, tracking):
     signs = 1.0 * second - np.char.startswith(paths, "SESHAN25<")
     mjd = tracking.epoch.mjd
     middle = 0.5 * (mjd.min() + mjd.max())
-    solution, first = found(study, tracking, 5e-9 * C_M_S * signs * (mjd > middle))
+    solution, first = strongest_test(study, tracking, 5e-9 * C_M_S * signs * (mjd > middle))
     assert (first.kind, first.name) == ("jump", "SESHAN25 vlbi_delay")
     assert first.unit == "s"
     assert first.amounts[""] == pytest.approx(5e-9, abs=0.5e-9)  # of 0.4 m in a minute, lasting for hours
@@ -62,20 +62,20 @@ def test_clock_of_a_vlbi_station(study, tracking):
 
 
 @pytest.mark.slow
-def test_ranging_station_off_its_place(study, whole):
+def test_ranging_station_off_its_place(study, full_tracking):
     """Kashi 50 m east; the editing leaves out nearly all of its two-way ranges, the others get noise of their own."""
-    arc = radioloc.jobs.arc_of(study, whole)
+    arc = radioloc.jobs.arc_of(study, full_tracking)
     at = arc.at()
-    rows = ObservationRows(arc, np.arange(len(whole)), None, at, arc.motions)
+    rows = ObservationRows(arc, np.arange(len(full_tracking)), None, at, arc.motions)
     kashi = rows.ends == arc.stations.index("KASHI")
     east_m = 50.0 * (STATION_POSITION.partials(rows)[..., 0] * kashi).sum(axis=1)
-    solution, first = found(study, whole, east_m)
+    solution, first = strongest_test(study, full_tracking, east_m)
     assert (first.kind, first.name) == ("a priori", "station_position.KASHI")
     # Of the 50 m a quarter is left to the position, little more than its sigma
     assert np.linalg.norm(first.shift_enu_m) < 1.5 * np.linalg.norm(solution.sigma_enu_m())
     assert first.amounts == {"east": pytest.approx(50.0, abs=2.0)}
     # Without errors of its position: the station all the same, 50 m east of it pass as 0.1 s of its time tags.
-    _, first = found(replace(study, consider={}, consider_defaults=False), whole, east_m)
+    _, first = strongest_test(replace(study, consider={}, consider_defaults=False), full_tracking, east_m)
     assert "KASHI" in first.name
 
 
@@ -84,7 +84,7 @@ def test_laser_points_of_later_nights():
     study = radioloc.read_study("examples/apollo15/apollo15.toml")
     points = radioloc.read_observations(study.observations.files)
     late = np.argsort(np.argsort(points.epoch.mjd)) >= len(points) // 2
-    _, first = found(study, points, 30.0 * late)
+    _, first = strongest_test(study, points, 30.0 * late)
     assert (first.kind, first.name) == ("jump", "range APOLLO>apollo15>APOLLO")
     assert first.amounts[""] == pytest.approx(30.0, abs=0.1)
     assert first.first_utc == "2006-12-01T00:58:25"
@@ -102,7 +102,7 @@ def test_nothing_is_said_of_data_that_fit(fitted):
 @pytest.mark.parametrize("path", ["SESHAN25<change5>MIYUN50", "SESHAN25<change5>URUMQI"])
 def test_baseline_that_is_off(study, tracking, path):
     """One of six, by 1 m, against the triangles that it closes."""
-    _, first = found(study, tracking, 1.0 * (np.array(tracking.paths()) == path))
+    _, first = strongest_test(study, tracking, 1.0 * (np.array(tracking.paths()) == path))
     assert (first.kind, first.name) == ("offset", f"vlbi_delay {path}")
     assert first.log10_chance < -10.0
     # Clocks and weather of both stations are 0.1 m each.
@@ -115,10 +115,10 @@ def test_ranges_of_a_station_with_noise_of_its_own(study, tracking, fitted):
     paths = np.array(tracking.paths())
     noisy = np.char.endswith(paths, ">NEUQUEN") & (np.char.find(paths, "<") < 0)
     added_m = 20.0 * noisy * np.random.default_rng(4).normal(size=len(tracking))
-    other = radioloc.locate(study, replace(tracking, value_m=tracking.value_m + added_m))
+    second = radioloc.locate(study, replace(tracking, value_m=tracking.value_m + added_m))
     assert "range of NEUQUEN" not in fitted.fit.excess_noise_m
-    assert other.to_dict()["fit"]["excess_noise_m"]["range of NEUQUEN"] == pytest.approx(20.0, rel=0.1)
-    assert other.fit.excess_noise_m["range"] == pytest.approx(fitted.fit.excess_noise_m["range"], abs=0.1)
+    assert second.to_dict()["fit"]["excess_noise_m"]["range of NEUQUEN"] == pytest.approx(20.0, rel=0.1)
+    assert second.fit.excess_noise_m["range"] == pytest.approx(fitted.fit.excess_noise_m["range"], abs=0.1)
 
 
 def test_late_time_tags_are_named_and_estimating_them_brings_the_position_back():

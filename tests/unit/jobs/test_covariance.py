@@ -42,7 +42,7 @@ def study_of(noise=NOISE, stations=RANGING, vlbi=VLBI, step_s=1800.0, estimate=N
 
 
 @pytest.fixture(scope="module")
-def found():
+def planned():
     reach_m = 1.2 * covariance(study_of(COLOURED), 24.0).longest.radius_95_m
     return covariance(study_of(COLOURED, candidates=["TIANMA65"]), reach_m=reach_m)
 
@@ -51,8 +51,8 @@ def test_a_radius_is_that_of_random_points():
     random = np.random.default_rng(1)
     for matrix in ([[4.0, 0.0], [0.0, 4.0]], [[9.0, 2.0], [2.0, 1.0]], [[1e-8, 0.0], [0.0, 25.0]]):
         points = random.multivariate_normal([0.0, 0.0], matrix, 200_000)
-        within = np.mean(np.hypot(*points.T) < radius_95_m(np.array(matrix)))
-        assert within == pytest.approx(0.95, abs=0.002)  # four sigmas of the fraction
+        fraction = np.mean(np.hypot(*points.T) < radius_95_m(np.array(matrix)))
+        assert fraction == pytest.approx(0.95, abs=0.002)  # four sigmas of the fraction
     assert radius_95_m(np.eye(2)) == pytest.approx(np.sqrt(-2.0 * np.log(0.05)), rel=1e-6)
     assert radius_95_m(np.zeros((2, 2))) == 0.0
     assert radius_95_m(np.full((2, 2), np.inf)) == np.inf
@@ -79,10 +79,10 @@ def test_noise_of_a_schedule_has_the_covariance_that_is_drawn():
 def test_sigmas_of_data_are_the_formal_ones_of_a_fit():
     study = study_of()
     data = radioloc.simulate(study, seed=3).observations
-    asked = dataclasses.replace(
+    requested = dataclasses.replace(
         study, simulation=None, estimate=dataclasses.replace(study.estimate, weights="independent")
     )
-    solution = radioloc.locate(asked, data)
+    solution = radioloc.locate(requested, data)
     planned = covariance(study, 24.0).longest
     np.testing.assert_allclose(planned.sigma_m, solution.sigma_enu_m("formal"), rtol=1e-3)
     assert planned.count == solution.fit.total.used
@@ -91,8 +91,8 @@ def test_sigmas_of_data_are_the_formal_ones_of_a_fit():
 
 def test_epochs_of_files(tmp_path):
     study = study_of()
-    made = radioloc.simulate(study, seed=3)
-    radioloc.write_observations(tmp_path / "d.csv", made.observations)
+    simulated = radioloc.simulate(study, seed=3)
+    radioloc.write_observations(tmp_path / "d.csv", simulated.observations)
     files = dataclasses.replace(study.observations, files=(tmp_path / "d.csv",))
     of_files = covariance(dataclasses.replace(study, simulation=None, observations=files), 24.0)
     expected = covariance(study, 24.0)
@@ -116,8 +116,8 @@ def test_sigma_is_the_scatter_of_trials(estimate):
     rms_m = np.sqrt(np.mean(trials.errors_m[:, 0] ** 2, axis=0))
     # The rms of 200 trials is known to 5 %; weights that are found from residuals cost a little.
     np.testing.assert_allclose(rms_m / planned.sigma_m, 1.0, atol=0.15)
-    within = np.mean(np.hypot(*trials.errors_m[:, 0, :2].T) < planned.radius_95_m)
-    assert within == pytest.approx(0.95, abs=3.0 * np.sqrt(0.95 * 0.05 / 200))
+    fraction = np.mean(np.hypot(*trials.errors_m[:, 0, :2].T) < planned.radius_95_m)
+    assert fraction == pytest.approx(0.95, abs=3.0 * np.sqrt(0.95 * 0.05 / 200))
 
 
 @pytest.mark.slow
@@ -131,11 +131,11 @@ def test_considered_errors_are_in_it():
     study = dataclasses.replace(study, consider_defaults=False)  # of which trials draw no errors
     considered = dataclasses.replace(study, consider=choice)
     planned = covariance(considered, 24.0)
-    alone = covariance(study, 24.0)
+    separate = covariance(study, 24.0)
     by_source = planned.longest.by_source()
     assert by_source["station_position"].sum() > 0.2
     [item] = [item for item in planned.improvements if item.change == "station_position known"]
-    assert item.radius_95_m == pytest.approx(alone.longest.radius_95_m, rel=1e-9)
+    assert item.radius_95_m == pytest.approx(separate.longest.radius_95_m, rel=1e-9)
     trials = radioloc.monte_carlo(considered, trials=200, hours=24.0, seed=5)
     added = np.mean(trials.errors_m[:, 0] ** 2, axis=0)
     # A-priori values are not drawn.
@@ -144,42 +144,42 @@ def test_considered_errors_are_in_it():
 
 
 @pytest.mark.study
-def test_budget_adds_up(found):
-    for arc in found.arcs:
+def test_budget_adds_up(planned):
+    for arc in planned.arcs:
         total = sum(np.diag(source.covariance_m2) for source in arc.sources)
         np.testing.assert_allclose(total, arc.sigma_m**2, rtol=1e-9)
         records = arc.to_dict()["budget"]
         assert [r["total_m"] for r in records] == sorted((r["total_m"] for r in records), reverse=True)
         assert np.sqrt(sum(r["total_m"] ** 2 for r in records)) == pytest.approx(np.linalg.norm(arc.sigma_m))
-    assert {"measurement noise", "a priori"} <= set(found.longest.by_source())
+    assert {"measurement noise", "a priori"} <= set(planned.longest.by_source())
 
 
 @pytest.mark.study
-def test_longer_is_better_and_the_reach_lies_between(found):
-    radii = [arc.radius_95_m for arc in found.arcs]
+def test_longer_is_better_and_the_reach_lies_between(planned):
+    radii = [arc.radius_95_m for arc in planned.arcs]
     assert radii == sorted(radii, reverse=True)
-    assert found.arcs[0].hours == 0.5
-    before, at = covariance(study_of(COLOURED), [found.reach_h - 0.1, found.reach_h]).arcs
-    assert at.radius_95_m <= found.reach_m < before.radius_95_m
+    assert planned.arcs[0].hours == 0.5
+    earlier, at = covariance(study_of(COLOURED), [planned.reach_h - 0.1, planned.reach_h]).arcs
+    assert at.radius_95_m <= planned.reach_m < earlier.radius_95_m
     assert covariance(study_of(COLOURED), 24.0, reach_m=0.1).reach_h is None
 
 
-def test_what_a_candidate_would_buy_is_the_plan_with_it(found):
-    [item] = [item for item in found.improvements if item.change == "station TIANMA65"]
-    larger = covariance(study_of(COLOURED, vlbi=(*VLBI, "TIANMA65")), found.longest.hours)
+def test_what_a_candidate_would_buy_is_the_plan_with_it(planned):
+    [item] = [item for item in planned.improvements if item.change == "station TIANMA65"]
+    larger = covariance(study_of(COLOURED, vlbi=(*VLBI, "TIANMA65")), planned.longest.hours)
     assert item.radius_95_m == pytest.approx(larger.longest.radius_95_m, rel=1e-6)
-    assert item.radius_95_m < found.longest.radius_95_m
+    assert item.radius_95_m < planned.longest.radius_95_m
 
 
 def test_a_candidate_link_is_measured_as_its_session():
-    found = covariance(
+    planned = covariance(
         study_of(stations=("JIAMUSI",), vlbi=(), candidates=["JIAMUSI>lander>KASHI", "KASHI"]), 24.0
     )
-    buys = {item.change: item.radius_95_m for item in found.improvements}
+    buys = {item.change: item.radius_95_m for item in planned.improvements}
     receives = study_of(stations=("JIAMUSI",), vlbi=())
     [session] = receives.simulation.schedule.sessions
-    more = dataclasses.replace(session, pairs=(*session.pairs, ("JIAMUSI", "KASHI")))
-    schedule = dataclasses.replace(receives.simulation.schedule, sessions=[more])
+    extra = dataclasses.replace(session, pairs=(*session.pairs, ("JIAMUSI", "KASHI")))
+    schedule = dataclasses.replace(receives.simulation.schedule, sessions=[extra])
     scenario = dataclasses.replace(receives.simulation, schedule=schedule)
     expected = covariance(dataclasses.replace(receives, simulation=scenario), 24.0)
     assert buys["link JIAMUSI>lander>KASHI"] == pytest.approx(expected.longest.radius_95_m, rel=1e-6)
@@ -197,41 +197,41 @@ def test_candidates_are_of_the_same_network_and_telescopes_also_of_the_same_coun
         for item in planned.improvements
         if item.change.startswith("station ")
     }
-    near = ("China", "Chinese Deep Space Network", "European VLBI Network")
-    catalogue = [s for s in StationCatalogue.default() if s.country in near or s.complex in near]
+    close = ("China", "Chinese Deep Space Network", "European VLBI Network")
+    catalogue = [s for s in StationCatalogue.default() if s.country in close or s.complex in close]
     assert stations == {s.name for s in catalogue} - {"JIAMUSI", "HARTRAO"}
 
 
 @pytest.mark.study
-def test_what_is_known_and_what_is_left_out(found):
-    buys = {item.change: item.radius_95_m for item in found.improvements}
-    known = covariance(
-        study_of(COLOURED, estimate={"range_bias": "none", "range_bias_sigma_m": None}), found.longest.hours
+def test_what_is_known_and_what_is_left_out(planned):
+    buys = {item.change: item.radius_95_m for item in planned.improvements}
+    reference = covariance(
+        study_of(COLOURED, estimate={"range_bias": "none", "range_bias_sigma_m": None}), planned.longest.hours
     )
-    assert buys["range_bias known"] == pytest.approx(known.longest.radius_95_m, rel=1e-3)
-    ranges = covariance(study_of(COLOURED, vlbi=()), found.longest.hours).longest
-    of_type = {share.name: share for share in found.contributions if share.group == "type"}
+    assert buys["range_bias known"] == pytest.approx(reference.longest.radius_95_m, rel=1e-3)
+    ranges = covariance(study_of(COLOURED, vlbi=()), planned.longest.hours).longest
+    of_type = {share.name: share for share in planned.contributions if share.group == "type"}
     assert of_type["range"].alone_m == pytest.approx(ranges.radius_95_m, rel=1e-3)
     assert of_type["vlbi_delay"].without_m == of_type["range"].alone_m
-    fewer = covariance(study_of(COLOURED, vlbi=VLBI[1:]), found.longest.hours).longest
-    [seshan] = [share for share in found.contributions if share.name == VLBI[0]]
-    assert seshan.without_m == pytest.approx(fewer.radius_95_m, rel=1e-3)
-    assert seshan.without_m > found.longest.radius_95_m
+    shorter = covariance(study_of(COLOURED, vlbi=VLBI[1:]), planned.longest.hours).longest
+    [seshan] = [share for share in planned.contributions if share.name == VLBI[0]]
+    assert seshan.without_m == pytest.approx(shorter.radius_95_m, rel=1e-3)
+    assert seshan.without_m > planned.longest.radius_95_m
 
 
 def test_what_cannot_be_observed_is_said():
     free = {"height_prior": None, "range_bias_sigma_m": None}
-    found = covariance(study_of(stations=("KASHI",), vlbi=(), estimate=free), 0.1)
-    assert not found.determined
-    assert "NOT OBSERVABLE: the data do not determine" in " ".join(str(found).split())
-    assert found.to_dict()["arcs"][0]["radius_95_m"] is None
-    assert found.improvements == ()
+    planned = covariance(study_of(stations=("KASHI",), vlbi=(), estimate=free), 0.1)
+    assert not planned.determined
+    assert "NOT OBSERVABLE: the data do not determine" in " ".join(str(planned).split())
+    assert planned.to_dict()["arcs"][0]["radius_95_m"] is None
+    assert planned.improvements == ()
     with pytest.raises(InputError, match="a length that determines"):
-        plot(found, "covariance")
+        plot(planned, "covariance")
 
 
 @pytest.mark.parametrize(
-    ("changes", "more", "message"),
+    ("changes", "extra", "message"),
     [
         ({"estimate": {"position": "none", "height_prior": None}}, {}, 'position is "none"'),
         ({}, {"reach_m": -1.0}, "95 % radius to be reached is -1.0 m"),
@@ -241,24 +241,24 @@ def test_what_cannot_be_observed_is_said():
         ({"candidates": ["KASHI>KASHI"]}, {}, "KASHI>KASHI"),
     ],
 )
-def test_studies_that_cannot_be(changes, more, message):
+def test_studies_that_cannot_be(changes, extra, message):
     with pytest.raises(radioloc.RadiolocError, match=message):
-        covariance(study_of(step_s=7200.0, **changes), **({"hours": 24.0} | more))
+        covariance(study_of(step_s=7200.0, **changes), **({"hours": 24.0} | extra))
 
 
 @pytest.mark.study
 @pytest.mark.usefixtures("undrawn")
 def test_the_command(tmp_path, capsys):
-    plan, other = tmp_path / "plan.toml", tmp_path / "other.toml"
+    plan, second = tmp_path / "plan.toml", tmp_path / "other.toml"
     plan.write_text(PLAN, encoding="utf-8")
-    other.write_text(PLAN.replace("T03:10", "T01:10"), encoding="utf-8")
+    second.write_text(PLAN.replace("T03:10", "T01:10"), encoding="utf-8")
     assert cli.main(["covariance", str(plan), "--reach", "15000", "--out", str(tmp_path / "one")]) == 0
     written = json.loads((tmp_path / "one" / "covariance.json").read_text())
     assert written["reach"]["hours"] < 11.0
     assert written["arcs"][-1]["observations"] == 20
     rows = (tmp_path / "one" / "covariance.csv").read_text().splitlines()
     assert len(rows) == 1 + len(written["arcs"])
-    assert cli.main(["covariance", str(plan), str(other), "--out", str(tmp_path), "--quiet"]) == 0
+    assert cli.main(["covariance", str(plan), str(second), "--out", str(tmp_path), "--quiet"]) == 0
     assert (tmp_path / "plan" / "covariance.json").exists()
     assert (tmp_path / "other" / "covariance.json").exists()
     blind = tmp_path / "blind.toml"

@@ -18,9 +18,9 @@ from radioloc.study import EstimateChoice, ModelChoice, ObservationChoice
 from radioloc.time import Epochs, tai_to_utc
 
 SITE = LunarPosition.from_selenographic(-51.9162, 43.0584, -2550.4)
-NEAR = LunarPosition.from_selenographic(-51.9, 43.0, -2550.4)
+APRIORI = LunarPosition.from_selenographic(-51.9, 43.0, -2550.4)
 STATIONS = ("SESHAN25", "KUNMING", "URUMQI")
-BASELINES = [(one, other) for k, one in enumerate(STATIONS) for other in STATIONS[k + 1 :]]
+BASELINES = [(first, second) for k, first in enumerate(STATIONS) for second in STATIONS[k + 1 :]]
 # Two of those that were near the Moon, which stood at 7 h 20 min and +23 deg.
 LIST = "source,right_ascension_deg,declination_deg\n0716+332,109.9,33.12\n0738+313,115.2945,31.2\n"
 CLOCKS_S = {"KUNMING": 3.0e-7, "URUMQI": -1.5e-7}
@@ -42,7 +42,7 @@ def table(targets, kind="vlbi_delay"):
     scans = np.arange(150)
     parts = [
         Observations.from_columns(
-            epoch=tai_to_utc(Epochs.from_jd(2459185.5, (15.0 + scans[which] * 4.0 / 60.0) / 24.0, "TAI")),
+            epoch=tai_to_utc(Epochs.from_jd(2459185.5, (15.0 + scans[index] * 4.0 / 60.0) / 24.0, "TAI")),
             links=[link],
             kind=kind_of(kind),
             tag=1,
@@ -51,13 +51,13 @@ def table(targets, kind="vlbi_delay"):
             wavelength_um=35394.6,
         )
         for k, link in enumerate(links)
-        for which in [slice(k // len(BASELINES), None, len(targets))]
+        for index in [slice(k // len(BASELINES), None, len(targets))]
     ]
     return Observations.concatenate(parts)
 
 
 def study(sources, clocks=True, **keys):
-    known = {
+    stations = {
         "clock": list(CLOCKS_S),
         "clock_sigma_s": 1e-6,
         "clock_rate": list(RATES),
@@ -65,9 +65,9 @@ def study(sources, clocks=True, **keys):
     }
     height = radioloc.study.HeightPrior(-2550.4, 100.0)
     return radioloc.Study(
-        NEAR,
+        APRIORI,
         ObservationChoice(),
-        EstimateChoice(height_prior=height, weights="independent", **(known if clocks else {}), **keys),
+        EstimateChoice(height_prior=height, weights="independent", **(stations if clocks else {}), **keys),
         ModelChoice(sources=[sources]),
         consider=parameter_choices({}),
         consider_defaults=False,
@@ -76,9 +76,9 @@ def study(sources, clocks=True, **keys):
 
 def measured(sources, observations, **clocks):
     truth = replace(study(sources), target=SITE, estimate=EstimateChoice(position="none", **clocks))
-    found = radioloc.compute_residuals(truth, observations)
-    usable = np.flatnonzero(found.residuals.used)
-    value_m = np.array(observations.value_m - found.residuals.residual_m)
+    solution = radioloc.compute_residuals(truth, observations)
+    usable = np.flatnonzero(solution.residuals.used)
+    value_m = np.array(observations.value_m - solution.residuals.residual_m)
     return replace(observations, value_m=value_m).select(usable)
 
 
@@ -92,7 +92,7 @@ def tracking(sources):
 
 def off_m(solution):
     return np.linalg.norm(
-        np.subtract(*(one.to_axes("PA", CONSTANTS["DE421"]).xyz_m for one in (solution.position, SITE)))
+        np.subtract(*(item.to_axes("PA", CONSTANTS["DE421"]).xyz_m for item in (solution.position, SITE)))
     )
 
 
@@ -126,9 +126,9 @@ def test_without_quasars_the_place_is_less_certain(sources, tracking):
     noise_m = np.random.default_rng(1).normal(0.0, tracking.sigma_m)
     tracking = replace(tracking, value_m=tracking.value_m + noise_m)
     lander = np.array([link.target == "lander" for link in tracking.links])[tracking.link]
-    together = radioloc.locate(study(sources), tracking)
-    alone = radioloc.locate(study(sources), tracking.select(lander))
-    sigmas = [np.sqrt(np.trace(found.position_covariance()[:2, :2])) for found in (together, alone)]
+    block = radioloc.locate(study(sources), tracking)
+    separate_solution = radioloc.locate(study(sources), tracking.select(lander))
+    sigmas = [np.sqrt(np.trace(plan.position_covariance()[:2, :2])) for plan in (block, separate_solution)]
     assert sigmas == [pytest.approx(45.0, abs=2.0), pytest.approx(150.0, abs=5.0)]
 
 
@@ -148,10 +148,12 @@ def test_a_quasar_in_a_message(sources, tmp_path):
     message.write_text(
         "\n".join(kvn((DELAY, records), (DELAY | {"PARTICIPANT_1": "0716+332"}, records))) + "\n"
     )
-    asked = ObservationChoice(files=[message], tdm=radioloc.io.TdmAgreement(sigma_m={"vlbi_delay": 0.02}))
-    held = replace(study(sources, clocks=False), observations=asked, estimate=EstimateChoice(position="none"))
-    found = radioloc.compute_residuals(held)
-    assert set(found.residuals.paths.present()) == {"SESHAN25<lander>KUNMING", "SESHAN25<0716+332>KUNMING"}
+    requested = ObservationChoice(files=[message], tdm=radioloc.io.TdmAgreement(sigma_m={"vlbi_delay": 0.02}))
+    held = replace(
+        study(sources, clocks=False), observations=requested, estimate=EstimateChoice(position="none")
+    )
+    solution = radioloc.compute_residuals(held)
+    assert set(solution.residuals.paths.present()) == {"SESHAN25<lander>KUNMING", "SESHAN25<0716+332>KUNMING"}
     with pytest.raises(InputError, match=r"if one is a quasar, .*: \[model\] sources"):
         radioloc.compute_residuals(replace(held, model=ModelChoice()))
 
@@ -197,9 +199,9 @@ def test_tracking_beside_a_quasar_is_simulated_and_fitted(tmp_path):
     observations = simulated.observations
     of_quasar = np.array([link.target == "0716+332" for link in observations.links])[observations.link]
     assert 150 < of_quasar.sum() < (~of_quasar).sum() + 30
-    found = radioloc.locate(replace(plan, simulation=None), observations)
-    assert found.converged
-    assert found.values[found.parameters.index("clock.KUNMING")] == pytest.approx(3e-7, abs=1e-10)
+    solution = radioloc.locate(replace(plan, simulation=None), observations)
+    assert solution.converged
+    assert solution.values[solution.parameters.index("clock.KUNMING")] == pytest.approx(3e-7, abs=1e-10)
 
 
 @pytest.mark.parametrize(

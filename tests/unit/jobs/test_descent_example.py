@@ -14,10 +14,10 @@ REVISED_M = 0.1
 
 @pytest.mark.slow
 def test_the_files_are_what_the_study_makes():
-    made = radioloc.simulate(STUDY).observations
+    simulated = radioloc.simulate(STUDY).observations
     shipped = radioloc.read_observations(STUDY.with_name("tracking.csv"))
-    assert np.array_equal(made.epoch.mjd, shipped.epoch.mjd)
-    assert np.abs(made.value_m - shipped.value_m).max() < REVISED_M
+    assert np.array_equal(simulated.epoch.mjd, shipped.epoch.mjd)
+    assert np.abs(simulated.value_m - shipped.value_m).max() < REVISED_M
 
 
 @pytest.mark.slow

@@ -15,12 +15,12 @@ from radioloc.kernels import files
 
 def test_a_sound_installation_is_called_sound(capsys):
     assert main(["doctor"]) == 0
-    told = capsys.readouterr().out
-    assert told.splitlines()[0] == "status      sound"
-    assert EopTable.packaged().last_measured_date in told
-    assert "before 2017-01-01" in told  # IERS Bulletin C: none since
+    output = capsys.readouterr().out
+    assert output.splitlines()[0] == "status      sound"
+    assert EopTable.packaged().last_measured_date in output
+    assert "before 2017-01-01" in output  # IERS Bulletin C: none since
     for kernel in files.registered():
-        assert kernel.name in told
+        assert kernel.name in output
 
 
 def test_old_earth_orientation_is_to_be_updated():
@@ -41,9 +41,9 @@ def test_kernels_that_are_not_those_shipped_are_told(tmp_path, monkeypatch, caps
         content = bytearray(kernel.read_bytes())
         content[5000] ^= 1
         kernel.write_bytes(content)
-    there = [replace(one, folder=folder) for one in files.registered()]
-    monkeypatch.setattr(module, "registered", lambda: there)
+    second = [replace(item, folder=folder) for item in files.registered()]
+    monkeypatch.setattr(module, "registered", lambda: second)
     assert main(["doctor"]) == 3
-    told = capsys.readouterr().out
-    assert told.startswith("status      NOT SOUND")
-    assert words in " ".join(told.split())
+    output = capsys.readouterr().out
+    assert output.startswith("status      NOT SOUND")
+    assert words in " ".join(output.split())

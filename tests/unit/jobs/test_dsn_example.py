@@ -23,15 +23,15 @@ def value(record):
 
 def test_the_file_is_what_the_script_makes(tmp_path):
     dsn_pass.main(tmp_path)
-    made, shipped = (taken_apart((folder / "lander.odf").read_bytes()) for folder in (tmp_path, EXAMPLE))
-    assert made[1] == shipped[1]
-    assert len(made[0]) == len(shipped[0])
-    for one, other in zip(made[0], shipped[0], strict=True):
-        same = {"observable", "observable_1e9"}
-        assert {k: v for k, v in one.items() if k not in same} == {
-            k: v for k, v in other.items() if k not in same
+    simulated, shipped = (taken_apart((folder / "lander.odf").read_bytes()) for folder in (tmp_path, EXAMPLE))
+    assert simulated[1] == shipped[1]
+    assert len(simulated[0]) == len(shipped[0])
+    for item, second in zip(simulated[0], shipped[0], strict=True):
+        common = {"observable", "observable_1e9"}
+        assert {k: v for k, v in item.items() if k not in common} == {
+            k: v for k, v in second.items() if k not in common
         }
-        assert abs(value(one) - value(other)) < (REVISED_HZ if one["type"] != 37 else 1.0)
+        assert abs(value(item) - value(second)) < (REVISED_HZ if item["type"] != 37 else 1.0)
 
 
 def test_what_was_put_in_is_found():
@@ -40,10 +40,10 @@ def test_what_was_put_in_is_found():
     assert left_out == {"left over from averages of Doppler over 60 s": 6}
     solution = fit_arc(study, arc, left_out, study.estimate)
     assert solution.converged
-    found = solution.to_dict()
-    assert found["reference"]["combined_sigmas"] < 3.0
-    assert found["reference"]["distance_m"] < 10.0
-    [frequency] = [one for one in found["parameters"] if one["name"].startswith("target_frequency")]
+    content = solution.to_dict()
+    assert content["reference"]["combined_sigmas"] < 3.0
+    assert content["reference"]["distance_m"] < 10.0
+    [frequency] = [item for item in content["parameters"] if item["name"].startswith("target_frequency")]
     assert frequency["value"] == pytest.approx(dsn_pass.OSCILLATOR, abs=4.0 * frequency["sigma"])
     # Sums of six counts of 10 s with 1.3 mHz of noise, by X band: 1.1 mm; ranges 2 m.
     residuals = solution.residuals

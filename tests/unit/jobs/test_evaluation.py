@@ -19,12 +19,12 @@ def test_exact_and_interpolated_find_the_same():
     model = radioloc.measurements.PhysicalModel.build()
     table = observations(model, 60.0, stop="2020-12-01T23:00:00")
     study = Study(target=NEAR, estimate=EstimateChoice(position="geographic"))
-    found = {}
+    solution = {}
     for evaluation in ("exact", "interpolated"):
         choice = replace(study.model, evaluation=evaluation)
-        found[evaluation] = radioloc.locate(replace(study, model=choice), table)
-        assert found[evaluation].provenance["evaluation"]["kind"] == evaluation
-    exact, interpolated = found["exact"], found["interpolated"]
+        solution[evaluation] = radioloc.locate(replace(study, model=choice), table)
+        assert solution[evaluation].provenance["evaluation"]["kind"] == evaluation
+    exact, interpolated = solution["exact"], solution["interpolated"]
     assert np.abs(exact.position_pa_m - interpolated.position_pa_m).max() < SAME_M
     record = interpolated.provenance["evaluation"]
     assert record["interpolated"] > 0.5 * len(table)

@@ -75,12 +75,14 @@ def test_held_offsets_put_the_lander_where_it_is_not(three_way):
 
 
 @pytest.mark.parametrize(
-    "said", [{"clock_rate": "all"}, {"frequency_offset": PATHS}], ids=["clock_rate", "frequency_offset"]
+    "estimated", [{"clock_rate": "all"}, {"frequency_offset": PATHS}], ids=["clock_rate", "frequency_offset"]
 )
-def test_what_a_study_says_of_frequencies_stands(three_way, said):
+def test_what_a_study_says_of_frequencies_stands(three_way, estimated):
     observations, _ = three_way
-    solution = radioloc.locate(study(**said), observations)
-    assert len(solution.parameters.of_kind("frequency_offset")) == (3 if "frequency_offset" in said else 0)
+    solution = radioloc.locate(study(**estimated), observations)
+    assert len(solution.parameters.of_kind("frequency_offset")) == (
+        3 if "frequency_offset" in estimated else 0
+    )
 
 
 @pytest.mark.study
@@ -102,11 +104,11 @@ def test_one_way_doppler_with_the_targets_frequency_needs_no_offset_of_links():
     observations, truth_pa_m = observed(planned, target_frequency_value=2e-9)
     for_each = radioloc.locate(study(), observations)
     assert len(for_each.parameters.of_kind("frequency_offset")) == 6
-    one = radioloc.locate(study(target_frequency=True), observations)
-    assert not one.parameters.of_kind("frequency_offset")
-    for solution in (for_each, one):
+    tuned = radioloc.locate(study(target_frequency=True), observations)
+    assert not tuned.parameters.of_kind("frequency_offset")
+    for solution in (for_each, tuned):
         assert errors_in_sigmas(solution, truth_pa_m) < 3.37
-    assert np.linalg.norm(one.sigma_enu_m()) < 0.5 * np.linalg.norm(for_each.sigma_enu_m())
+    assert np.linalg.norm(tuned.sigma_enu_m()) < 0.5 * np.linalg.norm(for_each.sigma_enu_m())
 
 
 def test_a_short_pass_of_one_listener_does_not_tell_where():
@@ -124,7 +126,7 @@ def test_ellipses_hold_the_truth_with_offsets_of_1e_12():
     planned = Study(
         target=NEAR, estimate=EstimateChoice(), consider=NOTHING_ELSE, simulation=scenario, name="plan"
     )
-    found = radioloc.monte_carlo(planned, 200, (32.0,))
-    assert found.converged
+    trials = radioloc.monte_carlo(planned, 200, (32.0,))
+    assert trials.converged
     # Binomial of 200 at 0.95: 182 to 197 but for a chance of 1 %
-    assert 182 <= found.arcs[0].coverage["horizontal"].count <= 197
+    assert 182 <= trials.arcs[0].coverage["horizontal"].count <= 197

@@ -18,7 +18,7 @@ from radioloc.time import tai_to_utc
 from radioloc.time.scales import tdb_to_tt, tt_to_tai
 
 LANDER = LunarPosition.from_selenographic(-51.9162, 43.0584, -2550.4)
-NEAR = LunarPosition.from_selenographic(-51.90, 43.05, -2500.0)
+APRIORI = LunarPosition.from_selenographic(-51.90, 43.05, -2500.0)
 OFF = np.array([100.0, -80.0, 60.0, 0.1, -0.08, 0.05])
 SECONDS = np.arange(1200.0, 9000.0, 60.0)
 SIGMA_M = {RANGE: 2.0, DOPPLER: 0.005}
@@ -67,13 +67,13 @@ def tracking(model, forces):
     return replace(table, value_m=computed.value_m + BIAS_M * biased).select(computed.usable)
 
 
-def study_of(forces, **more):
+def study_of(forces, **extra):
     choice = EstimateChoice(position="geographic", parameters={"range_bias": ParameterChoice(("DSS-65",))})
     return Study(
-        targets={"lander": NEAR, "craft": craft(STATE + OFF, forces)},
+        targets={"lander": APRIORI, "craft": craft(STATE + OFF, forces)},
         estimate=choice,
         consider_defaults=False,
-        **more,
+        **extra,
     )
 
 
@@ -91,8 +91,8 @@ def test_both_and_the_bias_that_they_share_are_found(tracking, forces):
     error_m = solution.rot_pa_to_enu @ (solution.position_pa_m - truth_pa_m)
     covariance = solution.position_covariance("enu")
     assert error_m @ np.linalg.solve(covariance, error_m) < 16.3  # 0.1 % of three numbers
-    apart = np.concatenate([solution.state.position_m, solution.state.velocity_m_s]) - STATE
-    assert apart @ np.linalg.solve(solution.state.covariance, apart) < 22.5  # 0.1 % of six
+    error = np.concatenate([solution.state.position_m, solution.state.velocity_m_s]) - STATE
+    assert error @ np.linalg.solve(solution.state.covariance, error) < 22.5  # 0.1 % of six
     [k] = solution.parameters.of_kind("range_bias")
     assert abs(solution.values[k] - BIAS_M) < 3.3 * solution.sigmas()[k]
 
@@ -116,16 +116,18 @@ def test_predicted_sigmas_of_both_are_those_of_the_fit(tracking, forces):
 
 @pytest.mark.study
 def test_lander_is_better_known_with_the_orbiter_that_shares_its_station(tracking, forces):
-    both = radioloc.locate(study_of(forces), tracking)
+    joint = radioloc.locate(study_of(forces), tracking)
     lander = np.array([link.target == "lander" for link in tracking.links])[tracking.link]
     study = study_of(forces)
-    alone = radioloc.locate(
-        replace(study, targets={"lander": NEAR}, target=NEAR, estimate=replace(study.estimate, orbit=None)),
+    separate_solution = radioloc.locate(
+        replace(
+            study, targets={"lander": APRIORI}, target=APRIORI, estimate=replace(study.estimate, orbit=None)
+        ),
         tracking.select(lander),
     )
-    np.testing.assert_allclose(both.position_pa_m, alone.position_pa_m, rtol=0.0, atol=0.2)
-    [k], [other] = (one.parameters.of_kind("range_bias") for one in (both, alone))
-    assert both.sigmas()[k] < alone.sigmas()[other]
+    np.testing.assert_allclose(joint.position_pa_m, separate_solution.position_pa_m, rtol=0.0, atol=0.2)
+    [k], [second] = (item.parameters.of_kind("range_bias") for item in (joint, separate_solution))
+    assert joint.sigmas()[k] < separate_solution.sigmas()[second]
 
 
 @pytest.mark.study
@@ -136,11 +138,11 @@ def test_errors_of_both_are_as_large_as_their_sigmas(tracking, forces):
     for seed in range(12):
         solution = radioloc.locate(study_of(forces), noisy(tracking, seed))
         apart_m = solution.rot_pa_to_enu @ (solution.position_pa_m - truth_pa_m)
-        apart = np.concatenate([solution.state.position_m, solution.state.velocity_m_s]) - STATE
+        error = np.concatenate([solution.state.position_m, solution.state.velocity_m_s]) - STATE
         squares.append(
             (
                 apart_m @ np.linalg.solve(solution.position_covariance("enu"), apart_m),
-                apart @ np.linalg.solve(solution.state.covariance, apart),
+                error @ np.linalg.solve(solution.state.covariance, error),
             )
         )
     place, state = np.mean(squares, axis=0) / [3.0, 6.0]
@@ -151,11 +153,11 @@ def test_errors_of_both_are_as_large_as_their_sigmas(tracking, forces):
 
 def test_residuals_of_both_are_at_their_a_priori_motions(tracking, forces, model):
     study = study_of(forces)
-    found = radioloc.compute_residuals(study, tracking)
+    solution = radioloc.compute_residuals(study, tracking)
     orbit = study.orbiter.orbit(model, tracking, ())
-    computed = ExactPredictor(model, tracking, (NEAR, orbit), targets=("lander", "craft")).compute()
+    computed = ExactPredictor(model, tracking, (APRIORI, orbit), targets=("lander", "craft")).compute()
     np.testing.assert_allclose(
-        found.residuals.residual_m, tracking.value_m - computed.value_m, rtol=0.0, atol=1e-3
+        solution.residuals.residual_m, tracking.value_m - computed.value_m, rtol=0.0, atol=1e-3
     )
 
 

@@ -19,7 +19,7 @@ PLACE = LunarPosition.from_selenographic(*SITE)
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory):
+def scene(tmp_path_factory):
     study = radioloc.read_study(
         QUICK.written(tmp_path_factory.mktemp("descent") / "study.toml", after_s=300.0)
     )
@@ -27,12 +27,12 @@ def made(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def solution(made):
-    return radioloc.locate(made[0], made[1].observations)
+def solution(scene):
+    return radioloc.locate(scene[0], scene[1].observations)
 
 
-def test_after_the_touchdown_it_is_tracked_as_a_lander(made):
-    simulated = made[1].observations
+def test_after_the_touchdown_it_is_tracked_as_a_lander(scene):
+    simulated = scene[1].observations
     tdb = tt_to_tdb(utc_to_tt(simulated.epoch))
     landed = np.flatnonzero(tdb.seconds_since(epochs_from_strings(TOUCHDOWN, "TDB")) > 60.0)
     assert len(landed) > 40
@@ -40,14 +40,14 @@ def test_after_the_touchdown_it_is_tracked_as_a_lander(made):
     place_pa_m = PLACE.to_axes("PA", model.ephemeris.constants).xyz_m
     fixed = ExactPredictor(model, simulated.select(landed), FixedPoint(place_pa_m)).compute()
     # The tide of the Moon moves on by some tenths of a millimetre in five minutes.
-    assert np.abs(made[1].error_free_m[landed] - fixed.value_m).max() < 1e-3
+    assert np.abs(scene[1].error_free_m[landed] - fixed.value_m).max() < 1e-3
 
 
-def test_the_place_and_the_orbit_are_found(made, solution):
+def test_the_place_and_the_orbit_are_found(scene, solution):
     assert solution.converged, solution.message
     off_m = solution.rot_pa_to_enu @ (solution.position_pa_m - PLACE.to_frame("PA_DE421").xyz_m)
     assert off_m @ np.linalg.solve(solution.position_covariance(), off_m) < 16.3  # 0.999 of three
-    truth = made[1].trajectory
+    truth = scene[1].trajectory
     state = np.concatenate([solution.state.position_m, solution.state.velocity_m_s])
     error = state - np.concatenate(truth.states(solution.state.epoch), axis=-1)[0]
     assert error @ np.linalg.solve(solution.state.covariance, error) < 22.5
@@ -56,16 +56,16 @@ def test_the_place_and_the_orbit_are_found(made, solution):
 
 
 @pytest.mark.study
-def test_before_the_descent_the_place_is_as_uncertain_as_the_thrust(made, solution):
-    observations = made[1].observations
+def test_before_the_descent_the_place_is_as_uncertain_as_the_thrust(scene, solution):
+    observations = scene[1].observations
     after_s = tt_to_tdb(utc_to_tt(observations.epoch)).seconds_since(epochs_from_strings(TOUCHDOWN, "TDB"))
-    before = radioloc.locate(made[0], observations.select(np.flatnonzero(after_s < -QUICK.length_s)))
-    assert before.converged
+    earlier = radioloc.locate(scene[0], observations.select(np.flatnonzero(after_s < -QUICK.length_s)))
+    assert earlier.converged
     # A velocity that walks by 0.05 m/s2 times 30 s in each of 24 segments goes so far; one that ends at zero, half.
     left_s = QUICK.length_s - 30.0 * (np.arange(24) + 0.5)
     walked_m = 0.05 * 30.0 * np.sqrt((left_s**2).sum())
-    assert before.sigma_enu_m().max() == pytest.approx(0.5 * walked_m, rel=0.1)
-    assert (before.sigma_enu_m() > 30.0 * solution.sigma_enu_m()).all()
+    assert earlier.sigma_enu_m().max() == pytest.approx(0.5 * walked_m, rel=0.1)
+    assert (earlier.sigma_enu_m() > 30.0 * solution.sigma_enu_m()).all()
 
 
 def test_results_have_both(solution):
@@ -76,8 +76,8 @@ def test_results_have_both(solution):
     assert content["state"]["epoch_tdb"].startswith("2020-12-01T14:46:09")
 
 
-def test_partials_are_those_of_differences(made):
-    study, simulated = made
+def test_partials_are_those_of_differences(scene):
+    study, simulated = scene
     arc, _ = radioloc.jobs.preparation.prepared_arc(study, simulated.observations)
     problem = radioloc.jobs.problem.EstimationProblem.of(study, arc, study.estimate).model
     [descent] = problem.targets
@@ -92,44 +92,44 @@ def test_partials_are_those_of_differences(made):
         assert np.abs(partials[:, k] - differences).max() < 1e-4 * np.abs(differences).max(), name
 
 
-def test_residuals_are_those_of_the_a_priori_trajectory(made):
-    study, observations = made[0], made[1].observations
-    found = radioloc.compute_residuals(
+def test_residuals_are_those_of_the_a_priori_trajectory(scene):
+    study, observations = scene[0], scene[1].observations
+    result = radioloc.compute_residuals(
         replace(study, reference=Reference(PLACE, "where it is")), observations
     )
     arc = radioloc.jobs.arc_of(study, observations)
     expected_m = observations.value_m - arc.compute().value_m
-    np.testing.assert_allclose(found.residuals.residual_m, expected_m, atol=1e-3)
-    assert found.fit.total.rms_m > 10.0
-    assert not found.position_estimated
+    np.testing.assert_allclose(result.residuals.residual_m, expected_m, atol=1e-3)
+    assert result.fit.total.rms_m > 10.0
+    assert not result.position_estimated
     [orbit] = arc.trajectories
     ends_pa_m = Ground(arc.model, orbit.touchdown).place_pa_m(orbit.state)
-    np.testing.assert_allclose(found.position_pa_m, ends_pa_m, atol=1e-3)
-    assert found.reference.name == "where it is"
+    np.testing.assert_allclose(result.position_pa_m, ends_pa_m, atol=1e-3)
+    assert result.reference.name == "where it is"
 
 
 @pytest.mark.study
-def test_the_height_of_the_place_may_be_known(tmp_path, made):
+def test_the_height_of_the_place_may_be_known(tmp_path, scene):
     prior = "[estimate.height_prior]\nheight_m = -2550.4\nsigma_m = 0.5"
     study = radioloc.read_study(QUICK.written(tmp_path / "study.toml", prior, after_s=300.0))
-    found = radioloc.locate(study, made[1].observations)
-    assert found.converged
-    assert found.sigma_enu_m()[2] < 0.51
+    result = radioloc.locate(study, scene[1].observations)
+    assert result.converged
+    assert result.sigma_enu_m()[2] < 0.51
 
 
 @pytest.mark.study
-def test_errors_of_gravity_are_in_the_sigmas_of_place_and_orbit(tmp_path, made, solution):
+def test_errors_of_gravity_are_in_the_sigmas_of_place_and_orbit(tmp_path, scene, solution):
     text = QUICK.text().replace("gravity_errors = 0", "gravity_errors = 3\ngravity_error_degree = 8")
     (tmp_path / "study.toml").write_text(text)
-    found = radioloc.locate(radioloc.read_study(tmp_path / "study.toml"), made[1].observations)
+    result = radioloc.locate(radioloc.read_study(tmp_path / "study.toml"), scene[1].observations)
     # Degrees 5 to 8 move such a flight by hundreds of metres, which the data then tell from the thrust less well.
-    assert (found.sigma_enu_m() > solution.sigma_enu_m()).all()
-    ends = found.state.orbit.times(3)
-    assert (found.state.sigma_rtn_m(ends) > solution.state.sigma_rtn_m(ends)).any()
-    assert np.isfinite(found.state.covariance_rtn(ends)).all()
+    assert (result.sigma_enu_m() > solution.sigma_enu_m()).all()
+    ends = result.state.orbit.times(3)
+    assert (result.state.sigma_rtn_m(ends) > solution.state.sigma_rtn_m(ends)).any()
+    assert np.isfinite(result.state.covariance_rtn(ends)).all()
     # Told at the epoch directly, the covariance is that of the state.
-    sigma_m = np.sqrt(np.trace(found.state.covariance[:3, :3]))
-    assert np.linalg.norm(found.state.sigma_rtn_m(found.state.epoch)) == pytest.approx(sigma_m, rel=1e-6)
+    sigma_m = np.sqrt(np.trace(result.state.covariance[:3, :3]))
+    assert np.linalg.norm(result.state.sigma_rtn_m(result.state.epoch)) == pytest.approx(sigma_m, rel=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -158,16 +158,16 @@ def test_mistakes_are_told(tmp_path, old, new, message):
         radioloc.read_study(path)
 
 
-def test_a_trajectory_that_does_not_end_at_the_ground_is_refused(tmp_path, made):
+def test_a_trajectory_that_does_not_end_at_the_ground_is_refused(tmp_path, scene):
     path = tmp_path / "study.toml"
     lines = QUICK.text().splitlines()
     path.write_text("\n".join(line for line in lines if 'name = "plan_' not in line))
     with pytest.raises(InputError, match=r"km (above the sphere|from the a-priori place) .*at the touchdown"):
-        radioloc.locate(radioloc.read_study(path), made[1].observations)
+        radioloc.locate(radioloc.read_study(path), scene[1].observations)
 
 
-def test_tracking_of_the_lander_alone_is_refused(made):
-    study, simulated = made
+def test_tracking_of_the_lander_alone_is_refused(scene):
+    study, simulated = scene
     late = simulated.observations.select(
         np.arange(len(simulated.observations) - 20, len(simulated.observations))
     )
@@ -175,9 +175,9 @@ def test_tracking_of_the_lander_alone_is_refused(made):
         radioloc.locate(study, late)
 
 
-def test_covariance_of_a_descent_is_that_of_its_fit(made, solution):
+def test_covariance_of_a_descent_is_that_of_its_fit(scene, solution):
     """The plan has no values: its sigmas are the formal ones of a fit of simulated values."""
-    planned = radioloc.covariance(made[0])
+    planned = radioloc.covariance(scene[0])
     assert planned.longest.axes == ("east", "north", "up")
     np.testing.assert_allclose(planned.longest.sigma_m, solution.sigma_enu_m("formal"), rtol=1e-3)
     total_m2 = sum(item.total_m**2 for item in planned.longest.sources)
@@ -185,10 +185,10 @@ def test_covariance_of_a_descent_is_that_of_its_fit(made, solution):
 
 
 @pytest.mark.study
-def test_trials_of_a_descent_are_within_their_sigmas(made):
+def test_trials_of_a_descent_are_within_their_sigmas(scene):
     """The thrust of the fit is not that of the truth, so trials are fitted in full."""
-    found = radioloc.monte_carlo(made[0], 30, [1.0], seed=2)
-    assert found["converged"].all()
-    assert found.columns[3:6] == ("east_m", "north_m", "up_m")
+    result = radioloc.monte_carlo(scene[0], 30, [1.0], seed=2)
+    assert result["converged"].all()
+    assert result.columns[3:6] == ("east_m", "north_m", "up_m")
     # Three degrees of freedom a trial: the mean of 30 is known to 0.15.
-    assert found["nees"].mean() / 3.0 == pytest.approx(1.0, abs=3.0 * np.sqrt(2.0 / 90.0))
+    assert result["nees"].mean() / 3.0 == pytest.approx(1.0, abs=3.0 * np.sqrt(2.0 / 90.0))

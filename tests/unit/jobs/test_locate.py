@@ -48,8 +48,8 @@ def changed(observations, rows, by_m):
     return replace(observations, value_m=value_m)
 
 
-def apart_m(one, two):
-    return float(np.linalg.norm(one.position_pa_m - two.position_pa_m))
+def apart_m(item, two):
+    return float(np.linalg.norm(item.position_pa_m - two.position_pa_m))
 
 
 @pytest.fixture(scope="module")
@@ -75,9 +75,9 @@ def test_apollo15_is_where_jpl_has_it(solution):
 def test_other_reflectors_are_where_jpl_has_them(name):
     near_m = np.array(JPL_PA_M[name]) + np.array([-1500.0, 2000.0, 1000.0])
     file = EXAMPLES / "reflectors/2006-2007" / f"{name}_apollo_2006-2007.csv"
-    found = fit(radioloc.read_observations(file), LunarPosition.from_cartesian(near_m, "PA_DE421"))
-    assert found.converged
-    assert np.linalg.norm(found.position_pa_m - JPL_PA_M[name]) < 0.8
+    fitted = fit(radioloc.read_observations(file), LunarPosition.from_cartesian(near_m, "PA_DE421"))
+    assert fitted.converged
+    assert np.linalg.norm(fitted.position_pa_m - JPL_PA_M[name]) < 0.8
 
 
 DIRECTIONS = np.array([(1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0.3, 0.3, 0.9), (-1, 1, -1)])
@@ -87,67 +87,67 @@ DIRECTIONS = np.array([(1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0.3, 0.3, 
 def test_any_start_within_50_km_gives_the_same_answer(direction, apollo15, solution):
     offset_m = 50e3 * DIRECTIONS[direction] / np.linalg.norm(DIRECTIONS[direction])
     start = LunarPosition.from_cartesian(np.array(JPL_PA_M["apollo15"]) + offset_m, "PA_DE421")
-    found = fit(apollo15, start)
-    assert found.converged
-    assert apart_m(found, solution) < START_M
+    fitted = fit(apollo15, start)
+    assert fitted.converged
+    assert apart_m(fitted, solution) < START_M
 
 
 @pytest.mark.parametrize("form", some(["geographic", "cartesian"], ["cartesian"]))
 def test_frames_and_forms_agree(form, apollo15, near15, model, solution):
     for axes in ("PA", "ME"):
         target = near15.to_axes(axes, model.ephemeris.constants)
-        found = fit(apollo15, target, position=form)
-        assert apart_m(found, solution) < SAME_M
-        assert found.sigma_enu_m() == pytest.approx(solution.sigma_enu_m(), rel=1e-3)
+        fitted = fit(apollo15, target, position=form)
+        assert apart_m(fitted, solution) < SAME_M
+        assert fitted.sigma_enu_m() == pytest.approx(solution.sigma_enu_m(), rel=1e-3)
 
 
 @pytest.mark.parametrize("blunder_m", some([19.0, -19.0, 2.0, 5e4], [2.0]))
 def test_one_blunder_is_rejected_and_does_not_move_the_answer(blunder_m, apollo15, near15, solution):
-    found = fit(changed(apollo15, [70], blunder_m), near15)
-    assert found.converged
-    assert found.residuals.status[70].startswith("outlier: ")
-    assert found.fit.total.rejected == solution.fit.total.rejected + 1
-    assert apart_m(found, solution) < 0.02
-    assert found.residuals.residual_m[70] == pytest.approx(blunder_m, abs=0.3)
+    fitted = fit(changed(apollo15, [70], blunder_m), near15)
+    assert fitted.converged
+    assert fitted.residuals.status[70].startswith("outlier: ")
+    assert fitted.fit.total.rejected == solution.fit.total.rejected + 1
+    assert apart_m(fitted, solution) < 0.02
+    assert fitted.residuals.residual_m[70] == pytest.approx(blunder_m, abs=0.3)
 
 
 def test_many_blunders_are_rejected_and_do_not_move_the_answer(apollo15, near15, solution):
     rng = np.random.default_rng(20240502)
     rows = rng.choice(len(apollo15), 20, replace=False)
-    found = fit(changed(apollo15, rows, rng.uniform(1.5, 300.0, 20) * rng.choice([-1.0, 1.0], 20)), near15)
-    assert found.converged
-    assert not found.residuals.used[rows].any()
+    fitted = fit(changed(apollo15, rows, rng.uniform(1.5, 300.0, 20) * rng.choice([-1.0, 1.0], 20)), near15)
+    assert fitted.converged
+    assert not fitted.residuals.used[rows].any()
     # Twenty good observations of 151 are gone: about a sigma.
-    assert apart_m(found, solution) < np.linalg.norm(solution.sigma_enu_m("formal"))
+    assert apart_m(fitted, solution) < np.linalg.norm(solution.sigma_enu_m("formal"))
 
 
 def test_every_observation_is_accounted_for(late15, near15):
     choice = ObservationChoice(stations=("GRASSE", "7941"), hours=24.0)
-    found = radioloc.locate(Study(target=near15, observations=choice), late15)
-    left_out = found.provenance["not_selected"]
+    fitted = radioloc.locate(Study(target=near15, observations=choice), late15)
+    left_out = fitted.provenance["not_selected"]
     assert set(left_out) == {"other station", "outside the time span"}
-    total = found.fit.total
-    assert total.used + total.rejected == len(found.residuals)
+    total = fitted.fit.total
+    assert total.used + total.rejected == len(fitted.residuals)
     assert total.used + total.rejected + sum(left_out.values()) == len(late15)
 
 
 def test_order_of_the_input_is_kept(apollo15, near15, solution):
     order = np.random.default_rng(3).permutation(len(apollo15))
-    found = fit(apollo15.select(order), near15)
-    assert np.array_equal(found.residuals.observed_m, apollo15.value_m[order])
-    assert apart_m(found, solution) < SAME_M
+    fitted = fit(apollo15.select(order), near15)
+    assert np.array_equal(fitted.residuals.observed_m, apollo15.value_m[order])
+    assert apart_m(fitted, solution) < SAME_M
 
 
 def test_residuals_fit_nothing(apollo15, near15):
     study = Study(target=LunarPosition.from_cartesian(JPL_PA_M["apollo15"], "PA_DE421"))
-    found = radioloc.compute_residuals(study, apollo15)
-    assert np.array_equal(found.position_pa_m, JPL_PA_M["apollo15"])
-    assert found.fit.total.used == len(apollo15)
-    assert set(found.fit.excess_noise_m.values()) <= {0.0}
-    assert np.array_equal(found.residuals.sigma_m, apollo15.sigma_m)
-    assert found.provenance["estimate"] is None
-    assert "NO FIT" in str(found)
-    assert 0.1 < found.fit.total.rms_m < 1.0  # 0.4 m off
+    fitted = radioloc.compute_residuals(study, apollo15)
+    assert np.array_equal(fitted.position_pa_m, JPL_PA_M["apollo15"])
+    assert fitted.fit.total.used == len(apollo15)
+    assert set(fitted.fit.excess_noise_m.values()) <= {0.0}
+    assert np.array_equal(fitted.residuals.sigma_m, apollo15.sigma_m)
+    assert fitted.provenance["estimate"] is None
+    assert "NO FIT" in str(fitted)
+    assert 0.1 < fitted.fit.total.rms_m < 1.0  # 0.4 m off
 
 
 @pytest.mark.study
@@ -156,11 +156,11 @@ def test_a_biased_station_is_found_out(apollo15, near15, solution):
     free = fit(biased, near15, range_bias="all")
     named = fit(biased, near15, range_bias=["7045"])
     with_prior = fit(biased, near15, range_bias="all", range_bias_sigma_m=0.01)
-    same = fit(apollo15, near15, range_bias="all")
-    assert free.biases("range_bias")["APOLLO"][0] - same.biases("range_bias")["APOLLO"][0] == pytest.approx(
+    common = fit(apollo15, near15, range_bias="all")
+    assert free.biases("range_bias")["APOLLO"][0] - common.biases("range_bias")["APOLLO"][0] == pytest.approx(
         0.8, abs=1e-3
     )
-    assert apart_m(free, same) < START_M
+    assert apart_m(free, common) < START_M
     assert apart_m(free, named) < SAME_M
     # One station alone hardly tells its bias from the height: the prior decides.
     assert abs(with_prior.biases("range_bias")["APOLLO"][0]) < 0.05
@@ -176,9 +176,9 @@ def test_time_bias_is_found_out(apollo15, near15, model):
     by_time_m_s = arc.compute(FixedPoint(np.array(JPL_PA_M["apollo15"]))).by_time_m_s
     assert abs(by_time_m_s).max() > 100.0
     observed = changed(apollo15, slice(None), late_s * by_time_m_s)
-    same = fit(apollo15, near15, time_bias="all")
-    found = fit(observed, near15, time_bias="all")
-    difference_s = found.biases("time_bias")["APOLLO"][0] - same.biases("time_bias")["APOLLO"][0]
+    common = fit(apollo15, near15, time_bias="all")
+    fitted = fit(observed, near15, time_bias="all")
+    difference_s = fitted.biases("time_bias")["APOLLO"][0] - common.biases("time_bias")["APOLLO"][0]
     assert difference_s == pytest.approx(late_s, abs=1e-6)
     held = fit(observed, near15, time_bias="all", time_bias_sigma_s=1e-9)
     assert abs(held.biases("time_bias")["APOLLO"][0]) < 1e-6
@@ -195,10 +195,12 @@ def test_height_prior_pulls_the_height(apollo15, near15, solution):
 
 def test_ephemeris_error_widens_the_total_sigma_only(apollo15, near15, unconsidered):
     choice = EstimateChoice(ephemeris_sigma_m=(0.3, 0.4, 0.5))
-    found = radioloc.locate(Study(target=near15, estimate=choice, consider_defaults=False), apollo15)
-    assert apart_m(found, unconsidered) == 0.0
-    assert found.sigma_enu_m("formal") == pytest.approx(unconsidered.sigma_enu_m("formal"))
-    assert found.sigma_enu_m("total") == pytest.approx(np.hypot(found.sigma_enu_m("scaled"), (0.3, 0.4, 0.5)))
+    fitted = radioloc.locate(Study(target=near15, estimate=choice, consider_defaults=False), apollo15)
+    assert apart_m(fitted, unconsidered) == 0.0
+    assert fitted.sigma_enu_m("formal") == pytest.approx(unconsidered.sigma_enu_m("formal"))
+    assert fitted.sigma_enu_m("total") == pytest.approx(
+        np.hypot(fitted.sigma_enu_m("scaled"), (0.3, 0.4, 0.5))
+    )
 
 
 @pytest.fixture(scope="module")
@@ -216,16 +218,16 @@ def thinned(apollo15, near15, model):
 @pytest.mark.parametrize("term", list(radioloc.measurements.TERMS))
 def test_each_term_can_be_left_out(term, thinned, near15):
     sample, full, terms_m = thinned
-    found = fit(sample, near15, model=ModelChoice(off=[term]))
-    assert found.provenance["terms_off"] == [term]
-    assert f"terms switched off: {term}" in found.limitations
+    fitted = fit(sample, near15, model=ModelChoice(off=[term]))
+    assert fitted.provenance["terms_off"] == [term]
+    assert f"terms switched off: {term}" in fitted.limitations
     # Nothing of ocean loading, axes or delays of equipment is known here, and light does not feel the ionosphere.
     unknown = ("ocean_loading", "antenna_axis_offset", "transponder_delay", "station_delay")
     # Nor is there a quasar, a clock that runs free, or a signal that the target sends by itself.
     absent = ("galactic_aberration", "station_proper_time", "target_proper_time")
     matters = term not in (*unknown, *absent, "ionosphere")
     assert (abs(terms_m[term]).max() > 1e-6) == matters
-    assert (apart_m(found, full) > 1e-6) == matters
+    assert (apart_m(fitted, full) > 1e-6) == matters
 
 
 def test_model_of_the_caller_replaces_that_of_the_study(thinned, near15, model):
@@ -243,22 +245,22 @@ def test_model_of_the_caller_replaces_that_of_the_study(thinned, near15, model):
 
 
 def test_far_side_is_refused_in_words(apollo15):
-    far = LunarPosition.from_selenographic(178.0, 26.0, 0.0)
+    far_side = LunarPosition.from_selenographic(178.0, 26.0, 0.0)
     held = radioloc.study.EstimateChoice(position="none", range_bias="all")
     with pytest.raises(InputError, match=r"all 153 are rejected.* deg below the target's horizon"):
-        radioloc.locate(Study(target=far, estimate=held), apollo15)
-    found = radioloc.compute_residuals(Study(target=far), apollo15)
-    assert found.fit.total.used == 0
-    assert found.fit.total.rejected == len(apollo15)
+        radioloc.locate(Study(target=far_side, estimate=held), apollo15)
+    fitted = radioloc.compute_residuals(Study(target=far_side), apollo15)
+    assert fitted.fit.total.used == 0
+    assert fitted.fit.total.rejected == len(apollo15)
 
 
 def test_a_search_and_a_fit_come_home_from_the_far_side(apollo15, near15):
-    away = Study(target=LunarPosition.from_selenographic(178.0, 26.0, 0.0))
+    distant_study = Study(target=LunarPosition.from_selenographic(178.0, 26.0, 0.0))
     with pytest.raises(InputError, match=r"`radioloc search STUDY\.toml`"):
-        radioloc.locate(away, apollo15)
-    found = fit(apollo15, search(away, apollo15).study.target)
-    assert found.converged
-    assert apart_m(found, fit(apollo15, near15)) < 1e-3
+        radioloc.locate(distant_study, apollo15)
+    fitted = fit(apollo15, search(distant_study, apollo15).study.target)
+    assert fitted.converged
+    assert apart_m(fitted, fit(apollo15, near15)) < 1e-3
 
 
 def test_below_the_stations_horizon_is_rejected_with_the_reason(apollo15, near15):
@@ -269,27 +271,30 @@ def test_below_the_stations_horizon_is_rejected_with_the_reason(apollo15, near15
 
 
 def test_position_of_another_ephemeris_is_refused(apollo15, near15):
-    other = LunarPosition.from_cartesian(near15.xyz_m, "PA_DE430")
+    other_place = LunarPosition.from_cartesian(near15.xyz_m, "PA_DE430")
     with pytest.raises(InputError, match=r"^\[target\] frame: .*PA_DE421 or ME_DE421.*PA_DE430"):
-        fit(apollo15, other)
-    known = radioloc.study.Reference(other, "other")
-    for given, where in (({"reference": known}, "reference"), ({"references": (known,)}, "references")):
-        with pytest.raises(InputError, match=rf"^\[{where}\] (other )?frame: "):
-            radioloc.locate(Study(target=near15, **given), apollo15)
+        fit(apollo15, other_place)
+    positions = radioloc.study.Reference(other_place, "other")
+    for changes, table in (
+        ({"reference": positions}, "reference"),
+        ({"references": (positions,)}, "references"),
+    ):
+        with pytest.raises(InputError, match=rf"^\[{table}\] (other )?frame: "):
+            radioloc.locate(Study(target=near15, **changes), apollo15)
 
 
 def test_a_reference_of_another_ephemeris_is_turned_and_a_note_says_so(apollo15, near15):
-    known = [near15.to_frame(frame) for frame in ("PA_DE421", "PA_DE440")]
-    found = [
+    positions = [near15.to_frame(frame) for frame in ("PA_DE421", "PA_DE440")]
+    fitted = [
         radioloc.compute_residuals(
             Study(target=near15, reference=radioloc.study.Reference(place, "known")), apollo15
         )
-        for place in known
+        for place in positions
     ]
-    assert found[0].reference.distance_m == pytest.approx(found[1].reference.distance_m, abs=1e-6)
-    assert not [note for note in found[0].notes if "turned" in note]
+    assert fitted[0].reference.distance_m == pytest.approx(fitted[1].reference.distance_m, abs=1e-6)
+    assert not [note for note in fitted[0].notes if "turned" in note]
     assert [
-        note for note in found[1].notes if note.startswith("[reference] is given in PA_DE440 and was turned")
+        note for note in fitted[1].notes if note.startswith("[reference] is given in PA_DE440 and was turned")
     ]
 
 
@@ -331,11 +336,11 @@ def test_arc_for_predictions(apollo15, near15, unconsidered):
 
 def test_sparse_data_keep_their_weights(apollo15, near15, unconsidered):
     """Two normal points in the five days that residuals stay correlated, in the mean."""
-    found = fit(apollo15, near15, weights="independent", consider_defaults=False)
-    assert found.series_weights == unconsidered.series_weights == ()
-    assert found.time_correlation.series == unconsidered.time_correlation.series
-    np.testing.assert_array_equal(found.values, unconsidered.values)
-    np.testing.assert_array_equal(found.covariance, unconsidered.covariance)
+    fitted = fit(apollo15, near15, weights="independent", consider_defaults=False)
+    assert fitted.series_weights == unconsidered.series_weights == ()
+    assert fitted.time_correlation.series == unconsidered.time_correlation.series
+    np.testing.assert_array_equal(fitted.values, unconsidered.values)
+    np.testing.assert_array_equal(fitted.covariance, unconsidered.covariance)
 
 
 def test_considered_errors_explain_what_lasts_in_the_residuals(solution, unconsidered):
@@ -348,50 +353,50 @@ def test_considered_errors_explain_what_lasts_in_the_residuals(solution, unconsi
 
 def test_weights_of_a_correlated_series(apollo15, near15, unconsidered, monkeypatch):
     monkeypatch.setattr(time_correlation, "DENSE", 0.0)
-    found = fit(apollo15, near15, weights="correlated", consider_defaults=False)
-    (weight,) = found.series_weights
-    (item,) = found.time_correlation.series
+    fitted = fit(apollo15, near15, weights="correlated", consider_defaults=False)
+    (weight,) = fitted.series_weights
+    (item,) = fitted.time_correlation.series
     assert weight.name == item.name == "range APOLLO>apollo15>APOLLO"
     assert weight.weighed_as == pytest.approx(item.effective_count, rel=0.05)
     # Generalized least squares from the dense covariance: nothing is left to correct, and the sigmas are these.
     arc = radioloc.jobs.arc_of(Study(target=near15), apollo15)
-    used, computed = found.residuals.used, arc.compute(FixedPoint(found.position_pa_m))
+    used, computed = fitted.residuals.used, arc.compute(FixedPoint(fitted.position_pa_m))
     residual_m, design = (apollo15.value_m - computed.value_m)[used], computed.by_position_pa[used]
     time_s = 86400.0 * (apollo15.epoch.jd - apollo15.epoch.jd[0] + apollo15.epoch.fraction)[used]
-    stated = np.diag(found.residuals.sigma_m[used])
+    stated = np.diag(fitted.residuals.sigma_m[used])
     lasting = np.exp(-np.abs(time_s[:, None] - time_s) / item.correlation_time_s)
     covariance = stated @ (np.eye(len(time_s)) + item.share / (1.0 - item.share) * lasting) @ stated
     inverse = np.linalg.inv(design.T @ np.linalg.solve(covariance, design))
     gain = np.linalg.solve(covariance, design @ inverse).T
     assert np.linalg.norm(gain @ residual_m) < SAME_M
-    (noise,) = found.time_correlation.noise.values()
+    (noise,) = fitted.time_correlation.noise.values()
     processes = zip(noise.coloured, noise.tau_s, strict=True)
     errors = noise.white * np.eye(len(time_s)) + sum(
         c * np.exp(-np.abs(time_s[:, None] - time_s) / tau_s) for c, tau_s in processes
     )
 
     def sigma_enu_m(position):
-        return np.sqrt(np.diag(found.rot_pa_to_enu @ position @ found.rot_pa_to_enu.T))
+        return np.sqrt(np.diag(fitted.rot_pa_to_enu @ position @ fitted.rot_pa_to_enu.T))
 
-    assert found.sigma_enu_m("formal") == pytest.approx(sigma_enu_m(gain @ stated**2 @ gain.T), rel=1e-6)
+    assert fitted.sigma_enu_m("formal") == pytest.approx(sigma_enu_m(gain @ stated**2 @ gain.T), rel=1e-6)
     # Those of the card are the sandwich with the mean over the noise models that are as likely.
     sandwich = gain @ stated @ errors @ stated @ gain.T
-    assert found.sigma_enu_m("scaled") == pytest.approx(sigma_enu_m(sandwich), rel=1e-3)
+    assert fitted.sigma_enu_m("scaled") == pytest.approx(sigma_enu_m(sandwich), rel=1e-3)
     # The best estimate is better known than another, and were errors as stated, it would be worse.
-    assert (found.sigma_enu_m("scaled") < 0.95 * unconsidered.sigma_enu_m("scaled")).all()
-    assert (found.sigma_enu_m("formal") > 1.05 * unconsidered.sigma_enu_m("formal")).all()
-    assert apart_m(found, unconsidered) < 0.05
-    np.testing.assert_allclose(found.residuals.sigma_m, unconsidered.residuals.sigma_m, rtol=0.0, atol=0.0)
-    assert unconsidered.fit.chi2 <= found.fit.chi2 < 1.1 * unconsidered.fit.chi2
+    assert (fitted.sigma_enu_m("scaled") < 0.95 * unconsidered.sigma_enu_m("scaled")).all()
+    assert (fitted.sigma_enu_m("formal") > 1.05 * unconsidered.sigma_enu_m("formal")).all()
+    assert apart_m(fitted, unconsidered) < 0.05
+    np.testing.assert_allclose(fitted.residuals.sigma_m, unconsidered.residuals.sigma_m, rtol=0.0, atol=0.0)
+    assert unconsidered.fit.chi2 <= fitted.fit.chi2 < 1.1 * unconsidered.fit.chi2
 
 
 def test_model_errors_are_no_gross_errors():
     """Ten to twenty times the stated sigmas, of an ephemeris 16 years later: a start that holds them for errors would
     leave out 4 of 28 good ranges, of which each station has few."""
     study = radioloc.read_study("examples/apollo15/apollo15_2024.toml")
-    found = radioloc.locate(replace(study, consider_defaults=False))
-    assert found.fit.total.rejected == 0
-    assert found.fit.excess_noise_m["range"] == pytest.approx(0.05, abs=0.01)
+    fitted = radioloc.locate(replace(study, consider_defaults=False))
+    assert fitted.fit.total.rejected == 0
+    assert fitted.fit.excess_noise_m["range"] == pytest.approx(0.05, abs=0.01)
     considered = radioloc.locate(study)
     assert considered.fit.total.rejected == 0
     assert considered.fit.excess_noise_m["range"] < 0.03

@@ -86,7 +86,7 @@ def ready(study):
 
 
 @pytest.fixture(scope="module")
-def found(study, tmp_path_factory):
+def trial_study(study, tmp_path_factory):
     return radioloc.monte_carlo(study, 60, HOURS, out=tmp_path_factory.mktemp("found"))
 
 
@@ -131,40 +131,44 @@ def test_correlated_weights_are_those_of_the_full_fit(vlbi_station_sigma_m):
 
 def test_a_full_trial_is_what_locate_gives(study, ready):
     quiet = replace(study.simulation, truth_sigma=TruthSigma())
-    one = replace(study, simulation=quiet, estimate=replace(study.estimate, clock_epoch=START))
+    item = replace(study, simulation=quiet, estimate=replace(study.estimate, clock_epoch=START))
     seed = trial_seed(5, 3)
-    made = radioloc.simulate(one, seed=seed)
-    alone = radioloc.locate(
-        replace(one, observations=ObservationChoice(hours=24.0), reference=radioloc.study.Reference(LANDER)),
-        made.observations,
+    simulated = radioloc.simulate(item, seed=seed)
+    separate_solution = radioloc.locate(
+        replace(item, observations=ObservationChoice(hours=24.0), reference=radioloc.study.Reference(LANDER)),
+        simulated.observations,
     )
-    trial = Prepared.of(one, HOURS).run(5, [3])[0, 0]
-    known = dict(zip(ready.columns, trial, strict=True))
+    trial = Prepared.of(item, HOURS).run(5, [3])[0, 0]
+    trial_values = dict(zip(ready.columns, trial, strict=True))
     np.testing.assert_allclose(
-        [known[f"{axis}_m"] for axis in ("east", "north", "up")],
-        [alone.reference.east_m, alone.reference.north_m, alone.reference.up_m],
+        [trial_values[f"{axis}_m"] for axis in ("east", "north", "up")],
+        [
+            separate_solution.reference.east_m,
+            separate_solution.reference.north_m,
+            separate_solution.reference.up_m,
+        ],
         rtol=0.0,
         atol=1e-4,
     )
-    assert known["rejected"] == alone.fit.total.rejected
-    assert known["nees"] == pytest.approx(alone.reference.combined_sigmas**2, rel=1e-3)
+    assert trial_values["rejected"] == separate_solution.fit.total.rejected
+    assert trial_values["nees"] == pytest.approx(separate_solution.reference.combined_sigmas**2, rel=1e-3)
 
 
 @pytest.mark.parametrize(
     "changes", [{"vlbi_station_sigma_m": 0.2}, {"stations": RANGING}, {"extra_sigma_m": 0.5}]
 )
 def test_noise_and_selection_are_those_of_the_study(changes):
-    one = study_of(observations=ObservationChoice(**changes))
-    ready = Prepared.of(one, (12.0,))
+    item = study_of(observations=ObservationChoice(**changes))
+    ready = Prepared.of(item, (12.0,))
     linear, full = ready.linear().run(1, range(2)), ready.run(1, range(2))
-    same = columns_of(ready, linear - full, "east_m", "north_m", "up_m", "sigma_east_m")
-    assert np.abs(same).max() < 0.05
+    common = columns_of(ready, linear - full, "east_m", "north_m", "up_m", "sigma_east_m")
+    assert np.abs(common).max() < 0.05
     assert (columns_of(ready, linear, "used") == columns_of(ready, full, "used")).all()
 
 
 def test_biases_with_a_priori_values():
-    one = study_of(range_bias_m={"KASHI": 7.0})
-    ready = Prepared.of(one, (12.0,))
+    item = study_of(range_bias_m={"KASHI": 7.0})
+    ready = Prepared.of(item, (12.0,))
     linear, full = ready.linear().run(1, range(2)), ready.run(1, range(2))
     names = ("range_bias.KASHI", "range_bias.JIAMUSI", "east_m", "up_m")
     np.testing.assert_allclose(
@@ -174,18 +178,18 @@ def test_biases_with_a_priori_values():
 
 def test_a_trial_does_not_depend_on_the_others(ready):
     linear = ready.linear()
-    together = linear.run(9, range(7))
+    block = linear.run(9, range(7))
     one_by_one = np.concatenate([linear.run(9, [trial]) for trial in range(7)])
-    np.testing.assert_array_equal(together, one_by_one)
+    np.testing.assert_array_equal(block, one_by_one)
     assert trial_seed(9, 2) != trial_seed(9, 3) != trial_seed(8, 3)
     child = np.random.SeedSequence(9).spawn(4)[3]
     assert trial_seed(9, 3) == sum(int(w) << (32 * k) for k, w in enumerate(child.generate_state(4)))
 
 
 @pytest.mark.slow
-def test_processes_give_the_same_bits(study, found):
+def test_processes_give_the_same_bits(study, trial_study):
     in_pool = radioloc.monte_carlo(study, 60, HOURS, workers=2)
-    np.testing.assert_array_equal(in_pool.values, found.values)
+    np.testing.assert_array_equal(in_pool.values, trial_study.values)
 
 
 @pytest.mark.slow
@@ -233,7 +237,7 @@ def test_unusable_clusters_are_one_error(monkeypatch):
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore")  # those of the cluster's own
-def test_a_cluster_gives_the_same_bits(study, found):
+def test_a_cluster_gives_the_same_bits(study, trial_study):
     distributed = pytest.importorskip("distributed")
     with (
         distributed.LocalCluster(
@@ -241,8 +245,8 @@ def test_a_cluster_gives_the_same_bits(study, found):
         ) as cluster,
         distributed.Client(cluster) as client,
     ):
-        there = radioloc.monte_carlo(study, 60, HOURS, workers=client)
-    np.testing.assert_array_equal(there.values, found.values)
+        second = radioloc.monte_carlo(study, 60, HOURS, workers=client)
+    np.testing.assert_array_equal(second.values, trial_study.values)
 
 
 @pytest.mark.slow
@@ -260,10 +264,12 @@ def test_where_the_linear_model_is_off_all_is_fitted_in_full(study, ready, monke
 
 def test_where_not_everything_is_determined_all_is_fitted_in_full():
     stop = "2020-12-01T15:21:00"
-    alone = [Session("range", (("KASHI", "KASHI"),), START, stop, 600.0, sigma_m=1.0)]
-    one = study_of(height_prior=None, range_bias="none")
-    one = replace(one, simulation=replace(one.simulation, schedule=Schedule(alone), truth_sigma=TruthSigma()))
-    result = radioloc.monte_carlo(one, 2, [1.0])
+    separate = [Session("range", (("KASHI", "KASHI"),), START, stop, 600.0, sigma_m=1.0)]
+    item = study_of(height_prior=None, range_bias="none")
+    item = replace(
+        item, simulation=replace(item.simulation, schedule=Schedule(separate), truth_sigma=TruthSigma())
+    )
+    result = radioloc.monte_carlo(item, 2, [1.0])
     assert not result.linear
     assert result.linearity is None
     assert not result.converged
@@ -293,16 +299,16 @@ def test_a_script_without_a_guard_is_told(tmp_path):
 
 
 @pytest.mark.slow
-def test_resumed_with_more_trials(study, found, tmp_path):
+def test_resumed_with_more_trials(study, trial_study, tmp_path):
     first = radioloc.monte_carlo(study, 20, HOURS, out=tmp_path)
     parts = {path: path.stat().st_mtime_ns for path in (tmp_path / "parts").glob("*.npz")}
-    more = radioloc.monte_carlo(study, 60, HOURS, out=tmp_path, resume=True)
-    np.testing.assert_array_equal(first.values, found.values[:20])
-    np.testing.assert_array_equal(more.values, found.values)
+    extra = radioloc.monte_carlo(study, 60, HOURS, out=tmp_path, resume=True)
+    np.testing.assert_array_equal(first.values, trial_study.values[:20])
+    np.testing.assert_array_equal(extra.values, trial_study.values)
     assert all(path.stat().st_mtime_ns == stamp for path, stamp in parts.items())
     # Fewer are the first of them.
-    fewer = radioloc.monte_carlo(study, 10, HOURS, out=tmp_path, resume=True)
-    np.testing.assert_array_equal(fewer.values, found.values[:10])
+    shorter = radioloc.monte_carlo(study, 10, HOURS, out=tmp_path, resume=True)
+    np.testing.assert_array_equal(shorter.values, trial_study.values[:10])
 
 
 KILLED = """
@@ -323,9 +329,9 @@ radioloc.monte_carlo(study_of(), 60, HOURS, out=sys.argv[1])
 
 @pytest.mark.slow
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="no such signal")
-def test_killed_and_resumed(study, found, tmp_path):
-    here = Path(__file__).resolve()
-    paths = [str(here.parent), str(here.parents[2] / "support")]
+def test_killed_and_resumed(study, trial_study, tmp_path):
+    local = Path(__file__).resolve()
+    paths = [str(local.parent), str(local.parents[2] / "support")]
     killed = subprocess.run([sys.executable, "-c", KILLED, str(tmp_path), *paths], check=False)
     assert killed.returncode == -signal.SIGKILL
     [part] = (tmp_path / "parts").glob("*.npz")
@@ -333,7 +339,7 @@ def test_killed_and_resumed(study, found, tmp_path):
     time.sleep(0.01)
     stamp = part.stat().st_mtime_ns
     resumed = radioloc.monte_carlo(study, 60, HOURS, out=tmp_path, resume=True)
-    np.testing.assert_array_equal(resumed.values, found.values)
+    np.testing.assert_array_equal(resumed.values, trial_study.values)
     assert part.stat().st_mtime_ns == stamp
 
 
@@ -344,10 +350,10 @@ CHANGES = [
 ]
 
 
-@pytest.mark.parametrize(("changed", "what"), some(CHANGES, CHANGES[:1]))
-def test_another_study_is_refused(study, tmp_path, changed, what):
+@pytest.mark.parametrize(("changed", "message"), some(CHANGES, CHANGES[:1]))
+def test_another_study_is_refused(study, tmp_path, changed, message):
     radioloc.monte_carlo(study, 1, [12.0], out=tmp_path)
-    with pytest.raises(InputError, match=f"of another study .what differs: {what}.; give another folder"):
+    with pytest.raises(InputError, match=f"of another study .what differs: {message}.; give another folder"):
         radioloc.monte_carlo(changed(study), 1, [12.0], out=tmp_path, resume=True)
     with pytest.raises(InputError, match="what differs: seed, hours"):
         radioloc.monte_carlo(study, 1, [6.0], seed=1, out=tmp_path, resume=True)
@@ -357,24 +363,26 @@ def test_another_study_is_refused(study, tmp_path, changed, what):
 
 
 @pytest.mark.study
-def test_the_summary_is_that_of_the_trials(found):
-    [day, half] = found.arcs
+def test_the_summary_is_that_of_the_trials(trial_study):
+    [day, half] = trial_study.arcs
     assert (day.hours, half.hours) == (24.0, 12.0)
     for k, arc in enumerate((day, half)):
         assert arc.trials == arc.converged == 60
-        enu_m = np.stack([found[f"{axis}_m"][:, k] for axis in ("east", "north", "up")])
+        enu_m = np.stack([trial_study[f"{axis}_m"][:, k] for axis in ("east", "north", "up")])
         np.testing.assert_allclose(arc.rms_m, np.sqrt((enu_m**2).mean(axis=1)), rtol=1e-12)
         np.testing.assert_allclose(arc.mean_m, enu_m.mean(axis=1), rtol=1e-9)
         horizontal_m = np.hypot(*enu_m[:2])
         assert (horizontal_m <= arc.radius_95_m).sum() == 57
-        inside = np.abs(enu_m[2]) <= 1.959963984540054 * found["sigma_up_m"][:, k]
-        assert arc.coverage["up"].count == inside.sum()
-        assert arc.nees.mean == pytest.approx(found["nees"][:, k].mean() / 3.0)
+        fraction = np.abs(enu_m[2]) <= 1.959963984540054 * trial_study["sigma_up_m"][:, k]
+        assert arc.coverage["up"].count == fraction.sum()
+        assert arc.nees.mean == pytest.approx(trial_study["nees"][:, k].mean() / 3.0)
         [bias] = [p for p in arc.parameters if p.name == "range_bias.KASHI"]
-        errors_m = found["range_bias.KASHI.error"][:, k]
+        errors_m = trial_study["range_bias.KASHI.error"][:, k]
         assert bias.rms_error == pytest.approx(np.sqrt((errors_m**2).mean()))
         assert bias.rms_error < bias.std
-    apart_m = np.hypot(*(found[f"{axis}_m"][:, 1] - found[f"{axis}_m"][:, 0] for axis in ("east", "north")))
+    apart_m = np.hypot(
+        *(trial_study[f"{axis}_m"][:, 1] - trial_study[f"{axis}_m"][:, 0] for axis in ("east", "north"))
+    )
     assert half.from_longest_95_m == pytest.approx(np.quantile(apart_m, 0.95))
     assert day.from_longest_95_m is None
 
@@ -392,22 +400,22 @@ def test_trials_that_did_not_converge_do_not_count():
     good = [1.0, 10.0, 1.0, 3.0, 4.0, 0.0, 1.0, 1.0, 1.0, 25.0, 25.0]
     bad = [0.0, 10.0, 1.0, 3e3, 4e3, 0.0, 1.0, 1.0, 1.0, np.nan, np.nan]
     values = np.array([[good], [bad], [good]])
-    [found] = MonteCarlo("plan", 1, (12.0,), (11.9,), columns, values, True, None, ()).arcs
-    assert (found.trials, found.converged) == (3, 2)
-    assert found.radius_95_m == pytest.approx(5.0)
-    assert found.coverage["horizontal"].count == 0
+    [trial_study] = MonteCarlo("plan", 1, (12.0,), (11.9,), columns, values, True, None, ()).arcs
+    assert (trial_study.trials, trial_study.converged) == (3, 2)
+    assert trial_study.radius_95_m == pytest.approx(5.0)
+    assert trial_study.coverage["horizontal"].count == 0
 
 
-def test_tables_have_a_row_for_each_trial_and_arc(found):
-    table = found.to_table()
+def test_tables_have_a_row_for_each_trial_and_arc(trial_study):
+    table = trial_study.to_table()
     assert len(table) == 120
     assert (table["hours"].unit, table["sigma_up_m"].unit) == ("h", "m")
-    assert (table["hours"].value[3], table["east_m"].value[3]) == (12.0, found["east_m"][1, 1])
+    assert (table["hours"].value[3], table["east_m"].value[3]) == (12.0, trial_study["east_m"][1, 1])
     of_types = [name for name in table.colnames if name.startswith(("excess_noise_m.", "range_bias."))]
     assert {str(table[name].unit) for name in of_types} == {"m"}
-    assert list(found.to_table("pandas").columns) == table.colnames
+    assert list(trial_study.to_table("pandas").columns) == table.colnames
     with pytest.raises(InputError, match=r"column: expected one of .*, got 'west_m'"):
-        found["west_m"]
+        trial_study["west_m"]
 
 
 @pytest.mark.study
@@ -415,9 +423,9 @@ def test_the_command(tmp_path, capsys):
     (tmp_path / "plan.toml").write_text(PLAN)
     arguments = ["montecarlo", str(tmp_path / "plan.toml"), "--trials", "5", "--hours", "6", "12"]
     assert main([*arguments, "--seed", "3", "--out", str(tmp_path / "out")]) == 0
-    told = capsys.readouterr()
-    assert "5 trials, 2 arcs: all converged" in told.out
-    assert told.err == ""
+    output = capsys.readouterr()
+    assert "5 trials, 2 arcs: all converged" in output.out
+    assert output.err == ""
     assert (tmp_path / "out" / "trials.csv").is_file()
     assert main([*arguments, "--quiet", "--out", str(tmp_path / "out"), "--resume"]) == 2
     assert "what differs: seed" in capsys.readouterr().err

@@ -17,10 +17,10 @@ def threads_within(fail):
 
 
 def test_one_thread_within_and_as_many_as_before_after_it():
-    before = threads()
-    assert before, "numpy has no BLAS that is known here"
-    assert threads_within(False) == [1] * len(before)
-    assert threads() == before
+    earlier = threads()
+    assert earlier, "numpy has no BLAS that is known here"
+    assert threads_within(False) == [1] * len(earlier)
+    assert threads() == earlier
     with pytest.raises(ValueError, match="the reason"):
         threads_within(True)
-    assert threads() == before
+    assert threads() == earlier

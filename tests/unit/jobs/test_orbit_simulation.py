@@ -20,7 +20,7 @@ VELOCITY_M_S = np.array([-567.864, 1434.223, -600.209])
 SIGMA_M = 1e-3
 
 
-def written(folder, more="", observations='files = ["sim.csv"]', forces="radiation_m2_kg = 0.02\n"):
+def written(folder, extra="", observations='files = ["sim.csv"]', forces="radiation_m2_kg = 0.02\n"):
     path = folder / "orbit.toml"
     path.write_text(f"""
 [target]
@@ -52,19 +52,19 @@ sigma_m = {SIGMA_M}
 wavelength_um = 36000.0
 [simulation.noise.doppler]
 white_m = {SIGMA_M}
-{more}
+{extra}
 """)
     return path
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory):
+def scene(tmp_path_factory):
     study = radioloc.read_study(written(tmp_path_factory.mktemp("orbit")))
     return study, radioloc.simulate(study, seed=3)
 
 
-def test_the_world_is_the_tracking_of_the_true_orbit(made):
-    study, simulated = made
+def test_the_world_is_the_tracking_of_the_true_orbit(scene):
+    study, simulated = scene
     observations, orbit = simulated.observations, simulated.trajectory
     assert isinstance(orbit, Orbit)
     assert orbit.states(orbit.epoch)[0][0] == pytest.approx(TRUE_M, abs=1e-6)
@@ -83,23 +83,25 @@ def test_the_world_is_the_tracking_of_the_true_orbit(made):
 
 
 @pytest.mark.study
-def test_the_truth_of_an_orbit_that_is_searched_for_is_a_state(tmp_path, made):
+def test_the_truth_of_an_orbit_that_is_searched_for_is_a_state(tmp_path, scene):
     path = written(tmp_path)
-    given = "position_m = [575739.0, -463249.0, -1631639.0]\nvelocity_m_s = [-567.864, 1434.223, -600.209]"
-    known = path.read_text().replace(given, "altitude_m = 55e3", 1)
+    changes = "position_m = [575739.0, -463249.0, -1631639.0]\nvelocity_m_s = [-567.864, 1434.223, -600.209]"
+    reference = path.read_text().replace(changes, "altitude_m = 55e3", 1)
     path.write_text(
-        known.replace("-1631539.0]", "-1631539.0]\nvelocity_m_s = [-567.864, 1434.223, -600.209]")
+        reference.replace("-1631539.0]", "-1631539.0]\nvelocity_m_s = [-567.864, 1434.223, -600.209]")
     )
     study = radioloc.read_study(path)
     assert study.target.rough.altitude_m == 55e3
     np.testing.assert_array_equal(study.simulation.position.state, [*TRUE_M, *VELOCITY_M_S])
-    planned, known = (radioloc.covariance(replace(one, candidates=()), 4.0) for one in (study, made[0]))
-    np.testing.assert_allclose(planned.longest.sigma_m, known.longest.sigma_m, rtol=1e-6)
+    planned, reference = (
+        radioloc.covariance(replace(item, candidates=()), 4.0) for item in (study, scene[0])
+    )
+    np.testing.assert_allclose(planned.longest.sigma_m, reference.longest.sigma_m, rtol=1e-6)
 
 
-def test_nothing_is_tracked_behind_the_moon(made):
-    study, simulated = made
-    found = windows(
+def test_nothing_is_tracked_behind_the_moon(scene):
+    study, simulated = scene
+    result = windows(
         PhysicalModel.build(),
         simulated.trajectory,
         ["DSS-24"],
@@ -108,42 +110,49 @@ def test_nothing_is_tracked_behind_the_moon(made):
         study.simulation.schedule.masks,
     )
     hours = sum(
-        np.ptp(radioloc.time.epochs_from_strings([one.start_utc, one.stop_utc], "UTC").mjd) * 24.0
-        for one in found
+        np.ptp(radioloc.time.epochs_from_strings([item.start_utc, item.stop_utc], "UTC").mjd) * 24.0
+        for item in result
     )
-    mine = simulated.observations.paths() == simulated.observations.paths()[0]
+    expected = simulated.observations.paths() == simulated.observations.paths()[0]
     assert 1.0 < hours < 3.0
-    assert 60.0 * hours - 3.0 * len(found) < max(mine.sum(), (~mine).sum()) < 60.0 * hours + 1.0
+    assert 60.0 * hours - 3.0 * len(result) < max(expected.sum(), (~expected).sum()) < 60.0 * hours + 1.0
 
 
-def test_who_sees_it_is_told_from_the_study(made):
-    study, simulated = made
-    found = visibility(study, ["DSS-24"])
+def test_who_sees_it_is_told_from_the_study(scene):
+    study, simulated = scene
+    result = visibility(study, ["DSS-24"])
     masks = study.simulation.schedule.masks
-    limits = (PhysicalModel.build(), simulated.trajectory, ["DSS-24"], found.start_utc, found.stop_utc, masks)
-    assert [(one.start_utc, one.stop_utc) for one in found.passes] == [
-        (one.start_utc, one.stop_utc) for one in windows(*limits)
+    limits = (
+        PhysicalModel.build(),
+        simulated.trajectory,
+        ["DSS-24"],
+        result.start_utc,
+        result.stop_utc,
+        masks,
+    )
+    assert [(item.start_utc, item.stop_utc) for item in result.passes] == [
+        (item.start_utc, item.stop_utc) for item in windows(*limits)
     ]
     # The Moon hides it at each turn of two hours, for less than half of it.
-    assert [(one.rises, one.sets) for one in found.passes] == [(True, True), (True, False)]
+    assert [(item.rises, item.sets) for item in result.passes] == [(True, True), (True, False)]
 
 
-def test_light_times_are_those_of_the_true_orbit(made):
-    study, simulated = made
-    found = light_times(study, ["DSS-65"], start_utc="2012-04-09T04:50:00", stop_utc="2012-04-09T05:30:00")
+def test_light_times_are_those_of_the_true_orbit(scene):
+    study, simulated = scene
+    result = light_times(study, ["DSS-65"], start_utc="2012-04-09T04:50:00", stop_utc="2012-04-09T05:30:00")
     rows = simulated.observations.select(simulated.observations.paths() == "DSS-65>craft>DSS-65")
     counts = {
         str(tag)[:16]: value / 60.0 for tag, value in zip(utc_strings(rows.epoch), rows.value_m, strict=True)
     }
-    rates = [counts[str(tag)[:16]] for tag in utc_strings(found.epoch)]
+    rates = [counts[str(tag)[:16]] for tag in utc_strings(result.epoch)]
     assert len(rates) == 5
     # The mean of a minute differs from its middle by 60^2/24 times the rate's curvature: 2 km/s at one turn in 7100 s.
-    np.testing.assert_allclose(found["range_rate_m_s"], rates, atol=0.25)
+    np.testing.assert_allclose(result["range_rate_m_s"], rates, atol=0.25)
     assert np.ptp(rates) > 1000.0
 
 
-def test_the_true_state_is_found_again(made):
-    study, simulated = made
+def test_the_true_state_is_found_again(scene):
+    study, simulated = scene
     solution = radioloc.locate(study, simulated.observations)
     assert solution.converged
     error = np.concatenate([solution.state.position_m - TRUE_M, solution.state.velocity_m_s - VELOCITY_M_S])
@@ -152,68 +161,68 @@ def test_the_true_state_is_found_again(made):
     assert solution.fit.total.wrms_m < 1.3 * SIGMA_M
 
 
-def test_a_true_field_beyond_that_of_the_fit_is_in_the_values(tmp_path, made):
+def test_a_true_field_beyond_that_of_the_fit_is_in_the_values(tmp_path, scene):
     further = radioloc.simulate(written(tmp_path, forces="degree = 40\n"), seed=3)
     assert further.trajectory.forces.gravity.degree == 40
     assert further.trajectory.forces.radiation_m2_kg == 0.018
     assert len(further.observations) > 50
-    by_time = [one.observations.epoch.mjd for one in (further, made[1])]
-    same = np.intersect1d(*by_time, return_indices=True)[1:]
-    change_m = further.error_free_m[same[0]] - made[1].error_free_m[same[1]]
+    by_time = [item.observations.epoch.mjd for item in (further, scene[1])]
+    common = np.intersect1d(*by_time, return_indices=True)[1:]
+    change_m = further.error_free_m[common[0]] - scene[1].error_free_m[common[1]]
     assert np.abs(change_m).max() > 100.0 * SIGMA_M
 
 
 @pytest.mark.study
-def test_a_covariance_study_claims_what_a_fit_of_the_tracking_does(made):
-    study, simulated = made
-    found = radioloc.covariance(replace(study, candidates=()), hours=4.0).longest
+def test_a_covariance_study_claims_what_a_fit_of_the_tracking_does(scene):
+    study, simulated = scene
+    result = radioloc.covariance(replace(study, candidates=()), hours=4.0).longest
     fitted = radioloc.locate(study, simulated.observations)
-    assert found.count == fitted.fit.total.used
+    assert result.count == fitted.fit.total.used
     # The truth is 170 m from where the fit begins, and noise is weighed by residuals: sigmas agree to some percent.
-    sigmas = [np.sqrt(np.diag(state.covariance)) for state in (found.state, fitted.state)]
+    sigmas = [np.sqrt(np.diag(state.covariance)) for state in (result.state, fitted.state)]
     np.testing.assert_allclose(*sigmas, rtol=0.15)
-    first, last = (fitted.state.epoch.shifted(3600.0 * hours) for hours in found.tracked_h)
-    assert [str(one)[:16] for one in (*utc_strings(first), *utc_strings(last))] == [
+    first, last = (fitted.state.epoch.shifted(3600.0 * hours) for hours in result.tracked_h)
+    assert [str(item)[:16] for item in (*utc_strings(first), *utc_strings(last))] == [
         "2012-04-09T04:41",
         "2012-04-09T08:41",
     ]
 
 
 @pytest.mark.slow
-def test_what_errors_of_gravity_do_to_a_plan_is_in_its_budget(made, tmp_path):
-    study = replace(made[0], candidates=())
+def test_what_errors_of_gravity_do_to_a_plan_is_in_its_budget(scene, tmp_path):
+    study = replace(scene[0], candidates=())
     plan = replace(study, target=replace(study.target, gravity_errors=4, gravity_error_degree=30))
-    found = radioloc.covariance(plan, hours=[2.0, 4.0])
-    arc = found.longest
+    result = radioloc.covariance(plan, hours=[2.0, 4.0])
+    arc = result.longest
     first_h, last_h = arc.tracked_h
     count = int((last_h - first_h) * 6.0) + 1
     tdb = study.target.epoch.shifted(3600.0 * np.linspace(first_h, last_h, count))
     mean_m2 = arc.state.covariance_rtn(tdb)[:, :3, :3].mean(axis=0)
     np.testing.assert_allclose(arc.sigma_m, np.sqrt(np.diag(mean_m2))[[1, 2, 0]], rtol=1e-9)
     assert arc.sources[0].source == "gravity_error"
-    assert found.improvements[0].change == "gravity_error known"
-    assert found.improvements[0].radius_95_m == pytest.approx(
+    assert result.improvements[0].change == "gravity_error known"
+    assert result.improvements[0].radius_95_m == pytest.approx(
         radioloc.covariance(study, hours=4.0).longest.radius_95_m, rel=1e-6
     )
-    written = json.loads(json.dumps(found.to_dict()))["arcs"][-1]
+    written = json.loads(json.dumps(result.to_dict()))["arcs"][-1]
     assert written["sigma_along_m"] == pytest.approx(arc.sigma_m[0])
     assert len(written["state"]["mapped"]) == 25
-    names = {path.name for path in radioloc.write_report(tmp_path, found)}
+    names = {path.name for path in radioloc.write_report(tmp_path, result)}
     assert {"covariance.png", "covariance_on_arc.png"} <= names
 
 
 @pytest.fixture(scope="module")
-def with_process_noise(made):
+def with_process_noise(scene):
     noise = ProcessNoise(interval_s=600.0, radial_m_s2=1e-8, along_m_s2=1e-8, across_m_s2=1e-8)
-    orbit = replace(made[0].estimate.orbit, process_noise=noise)
-    estimate = replace(made[0].estimate, orbit=orbit)
-    return replace(made[0], estimate=estimate, observations=replace(made[0].observations, hours=2.0))
+    orbit = replace(scene[0].estimate.orbit, process_noise=noise)
+    estimate = replace(scene[0].estimate, orbit=orbit)
+    return replace(scene[0], estimate=estimate, observations=replace(scene[0].observations, hours=2.0))
 
 
-def test_planned_process_noise_is_that_of_a_fit(made, with_process_noise):
+def test_planned_process_noise_is_that_of_a_fit(scene, with_process_noise):
     """The batch of independent accelerations against the information filter and smoother of a fit."""
     planned = radioloc.covariance(with_process_noise, hours=2.0).longest
-    fitted = radioloc.locate(with_process_noise, made[1].observations).state
+    fitted = radioloc.locate(with_process_noise, scene[1].observations).state
     times = fitted.orbit.times(7)
     np.testing.assert_allclose(planned.state.sigma_rtn_m(times), fitted.sigma_rtn_m(times), rtol=2e-3)
     assert "process_noise" in planned.by_source()
@@ -223,16 +232,16 @@ def test_planned_process_noise_is_that_of_a_fit(made, with_process_noise):
 
 @pytest.mark.study
 def test_trials_with_process_noise_are_fitted_in_full(with_process_noise):
-    found = radioloc.monte_carlo(with_process_noise, 2, [2.0])
-    assert not found.linear
-    assert found["converged"].all()
+    result = radioloc.monte_carlo(with_process_noise, 2, [2.0])
+    assert not result.linear
+    assert result["converged"].all()
     planned = radioloc.covariance(with_process_noise, hours=2.0).longest.state
     sigma_m = planned.sigma_rtn_m(planned.epoch)[0]
-    np.testing.assert_allclose(found["sigma_radial_m"][:, 0], sigma_m[0], rtol=0.05)
+    np.testing.assert_allclose(result["sigma_radial_m"][:, 0], sigma_m[0], rtol=0.05)
 
 
 @pytest.mark.parametrize(
-    ("forces", "more", "message"),
+    ("forces", "extra", "message"),
     [
         ("gravity_errors = 3", "", r"\[simulation.forces\] gravity_errors: belongs to the fit"),
         ("", "[simulation.position]\nheight_m = 3.0", r"\[simulation\] position: belongs to a place"),
@@ -243,32 +252,32 @@ def test_trials_with_process_noise_are_fitted_in_full(with_process_noise):
         ),
     ],
 )
-def test_mistakes_are_told(tmp_path, forces, more, message):
+def test_mistakes_are_told(tmp_path, forces, extra, message):
     with pytest.raises(InputError, match=message):
-        radioloc.read_study(written(tmp_path, more, forces=forces))
+        radioloc.read_study(written(tmp_path, extra, forces=forces))
 
 
 @pytest.mark.slow
-def test_trials_of_an_orbit_are_those_of_full_fits(made, tmp_path):
-    study, _ = made
-    found = radioloc.monte_carlo(study, trials=20, hours=4.0)
-    assert found.linear
-    assert found.linearity.passed
-    assert found.converged
-    assert found.sides == ("along", "across", "radial")
-    np.testing.assert_allclose(found.at_h, [0.0, 2.185, 4.185], atol=0.01)
+def test_trials_of_an_orbit_are_those_of_full_fits(scene, tmp_path):
+    study, _ = scene
+    result = radioloc.monte_carlo(study, trials=20, hours=4.0)
+    assert result.linear
+    assert result.linearity.passed
+    assert result.converged
+    assert result.sides == ("along", "across", "radial")
+    np.testing.assert_allclose(result.at_h, [0.0, 2.185, 4.185], atol=0.01)
     claimed = radioloc.covariance(replace(study, candidates=()), hours=4.0).longest.state
-    tdb = claimed.epoch.shifted(3600.0 * np.array(found.at_h))
+    tdb = claimed.epoch.shifted(3600.0 * np.array(result.at_h))
     # Noise by the residuals of each trial: the median is that of the noise stated to some percent.
     expected_m = claimed.sigma_rtn_m(tdb)[:, [1, 2, 0]]
-    np.testing.assert_allclose(np.median(found.sigmas_m, axis=0), expected_m, rtol=0.1)
-    names = {path.name for path in radioloc.write_report(tmp_path, found)}
+    np.testing.assert_allclose(np.median(result.sigmas_m, axis=0), expected_m, rtol=0.1)
+    names = {path.name for path in radioloc.write_report(tmp_path, result)}
     assert {"trials.csv", "trials.png", "error_by_length.png"} <= names
     assert (tmp_path / "trials.csv").read_text().startswith("trial,hours,at_h,converged,")
 
 
-def test_errors_of_gravity_are_drawn_beside_the_noise(made):
-    study, without = made
+def test_errors_of_gravity_are_drawn_beside_the_noise(scene):
+    study, reduced = scene
     scenario = replace(study.simulation, truth_sigma=TruthSigma(gravity_errors=2))
     # What degrees 21 and 22, which the field has not, do to the orbit is far more than the noise.
     target = replace(scenario.position, gravity_error_degree=22)
@@ -277,7 +286,7 @@ def test_errors_of_gravity_are_drawn_beside_the_noise(made):
     )
     assert list(drawn.drawn) == ["gravity_error.1", "gravity_error.2"]
     np.testing.assert_allclose(
-        drawn.observations.value_m - without.observations.value_m, drawn.drawn_m, atol=1e-9
+        drawn.observations.value_m - reduced.observations.value_m, drawn.drawn_m, atol=1e-9
     )
     assert np.ptp(drawn.drawn_m) > 100.0 * SIGMA_M
     assert "gravity_errors" in scenario.truth_sigma.keys

@@ -63,10 +63,10 @@ def slower(part):
 
 def test_a_fit_starts_from_an_orbit_that_meets_the_ground(forces, doppler):
     """The perilune of the a-priori orbit is 54 km below the mean sphere."""
-    found = radioloc.locate(study_of(forces, off=slower(0.015)), doppler)
-    assert found.converged
-    error = np.concatenate([found.state.position_m, found.state.velocity_m_s]) - STATE
-    assert error @ np.linalg.solve(found.state.covariance, error) < 22.5
+    fitted = radioloc.locate(study_of(forces, off=slower(0.015)), doppler)
+    assert fitted.converged
+    error = np.concatenate([fitted.state.position_m, fitted.state.velocity_m_s]) - STATE
+    assert error @ np.linalg.solve(fitted.state.covariance, error) < 22.5
 
 
 @pytest.mark.parametrize(("job", "part"), [("compute_residuals", 0.015), ("locate", 0.1)])
@@ -78,11 +78,11 @@ def test_an_orbit_that_ends_or_is_too_deep_below_the_ground_is_refused(forces, d
 @pytest.mark.study
 def test_an_orbit_is_found_again_over_36_hours_from_two_kilometres_away(model, forces):
     seconds = np.concatenate([np.arange(1200.0, 4800.0, 120.0) + 7200.0 * k for k in range(18)])
-    found = radioloc.locate(
+    fitted = radioloc.locate(
         study_of(forces, off=5.0 * np.array(OFF)), tracked(model, forces, SIGMA_M, seconds)[0]
     )
-    assert found.converged
-    assert np.linalg.norm(found.state.position_m - STATE[:3]) < 0.1
+    assert fitted.converged
+    assert np.linalg.norm(fitted.state.position_m - STATE[:3]) < 0.1
 
 
 @pytest.mark.study
@@ -122,9 +122,9 @@ def test_the_orbit_is_written_for_other_tools(solution, tmp_path):
     keywords = dict(line.split(" = ") for line in message)
     assert keywords["OBJECT_NAME"] == "craft"
     assert float(keywords["CX_X"]) == pytest.approx(1e-6 * state.covariance[0, 0], rel=1e-9)
-    lost = replace(solution, status=FitStatus.MAX_ITERATIONS)
+    failed = replace(solution, status=FitStatus.MAX_ITERATIONS)
     assert not {"orbit.bsp", "orbit.oem", "orbit.opm"} & {
-        path.name for path in radioloc.write_report(tmp_path, lost)
+        path.name for path in radioloc.write_report(tmp_path, failed)
     }
     assert not (tmp_path / "orbit.bsp").exists()
 
@@ -140,8 +140,10 @@ def test_sigmas_on_the_arc_are_those_of_the_partials(solution, forces):
         x = np.concatenate([state.position_m, state.velocity_m_s]) + draw[:6]
         orbit = propagate(EPOCH, x[:3], x[3:], forces, (0.0, 13000.0))
         ends.append(orbit.states(end)[0][0])
-    along = state.orbit.states(end)[1][0]
-    spread_m = np.std((np.array(ends) - state.orbit.states(end)[0]) @ (along / np.linalg.norm(along)))
+    along_track = state.orbit.states(end)[1][0]
+    spread_m = np.std(
+        (np.array(ends) - state.orbit.states(end)[0]) @ (along_track / np.linalg.norm(along_track))
+    )
     assert spread_m == pytest.approx(state.sigma_rtn_m(end)[0, 1], rel=0.35)
 
 
@@ -169,9 +171,9 @@ def test_errors_of_the_field_are_in_the_sigmas(forces, doppler, solution):
     ends = solution.state.orbit.times(2)
     assert (wider.state.sigma_rtn_m(ends) > 3.0 * solution.state.sigma_rtn_m(ends)).all()
     # At the epoch the errors have only the estimate to act by.
-    here = wider.state.covariance_rtn(EPOCH)[0]
+    local = wider.state.covariance_rtn(EPOCH)[0]
     turned = solution.state.covariance_rtn(EPOCH)[0]
-    assert np.trace(here[:3, :3]) - np.trace(turned[:3, :3]) == pytest.approx(
+    assert np.trace(local[:3, :3]) - np.trace(turned[:3, :3]) == pytest.approx(
         float((wider.state.sensitivity[:3] ** 2).sum()), rel=0.05
     )
 
@@ -185,9 +187,9 @@ def test_an_error_of_the_field_moves_the_orbit_as_its_sigmas_say(model, forces, 
     value_m = ExactPredictor(model, doppler, orbit).compute().value_m
     state = radioloc.locate(study_of(forces, errors=1), replace(doppler, value_m=value_m)).state
     times = state.orbit.times(9)
-    own = state.parameter_covariance - state.sensitivity @ state.sensitivity.T
-    without = replace(state, parameter_covariance=own, sensitivity=own[:, :0], disturbed=None)
-    added = (state.covariance_rtn(times) - without.covariance_rtn(times))[:, :3, :3]
+    independent = state.parameter_covariance - state.sensitivity @ state.sensitivity.T
+    reduced = replace(state, parameter_covariance=independent, sensitivity=independent[:, :0], disturbed=None)
+    added = (state.covariance_rtn(times) - reduced.covariance_rtn(times))[:, :3, :3]
     found_m = np.linalg.norm(state.orbit.states(times)[0] - orbit.states(times)[0], axis=1)
     np.testing.assert_allclose(1e-3 * np.sqrt(np.trace(added, axis1=1, axis2=2)), found_m, atol=0.01)
 
@@ -202,10 +204,10 @@ def test_orbits_in_fields_that_are_not_the_models_are_within_their_sigmas(model,
         orbit = craft(STATE, true).orbit(model, doppler, ())
         value_m = ExactPredictor(model, doppler, orbit).compute().value_m
         value_m = value_m + SIGMA_M * np.random.default_rng(k).normal(size=len(value_m))
-        found = radioloc.locate(study_of(forces, errors=16), replace(doppler, value_m=value_m))
-        ends = found.state.orbit.times(3)
-        error_m = found.state.orbit.states(ends)[0] - orbit.states(ends)[0]
-        size = np.linalg.norm(error_m, axis=1) / np.linalg.norm(found.state.sigma_rtn_m(ends), axis=1)
+        fitted = radioloc.locate(study_of(forces, errors=16), replace(doppler, value_m=value_m))
+        ends = fitted.state.orbit.times(3)
+        error_m = fitted.state.orbit.states(ends)[0] - orbit.states(ends)[0]
+        size = np.linalg.norm(error_m, axis=1) / np.linalg.norm(fitted.state.sigma_rtn_m(ends), axis=1)
         squares.append(size**2)
     # In one direction more than in the others: the mean square is 1, of 24 within a half.
     assert 0.4 < np.mean(squares) < 2.0
@@ -238,47 +240,47 @@ def test_what_is_held_stays_and_sigmas_hold(forces, doppler):
 )
 def test_sigmas_of_other_forms_are_information_on_the_state(forces, doppler, solution, sigmas):
     """The normal equations of two fits in the ICRF differ by what is known of these components."""
-    given = study_of(forces, off=np.zeros(6), state_sigma=sigmas)
+    changes = study_of(forces, off=np.zeros(6), state_sigma=sigmas)
     free = study_of(forces, off=np.zeros(6))
-    known, unknown = (
-        radioloc.locate(replace(one, estimate=replace(one.estimate, weights="independent")), doppler)
-        for one in (given, free)
+    reference, unknown = (
+        radioloc.locate(replace(item, estimate=replace(item.estimate, weights="independent")), doppler)
+        for item in (changes, free)
     )
-    assert set(sigmas) < {name.removeprefix("state.") for name in known.parameters.names}
+    assert set(sigmas) < {name.removeprefix("state.") for name in reference.parameters.names}
     if "radial_m" in sigmas:
         axes = rtn_axes(STATE[:3], STATE[3:])
         by_state = np.kron(np.eye(2), axes)
         names = ["radial_m", "along_m", "across_m", "radial_m_s", "along_m_s", "across_m_s"]
     else:
         form = "keplerian" if "node_deg" in sigmas else "equinoctial"
-        gm, equator, names = known.state.orbit.gm_m3_s2, known.state.orbit.equator, list(FORMS[form])
+        gm, equator, names = reference.state.orbit.gm_m3_s2, reference.state.orbit.equator, list(FORMS[form])
         ends = [
             elements_from_state(STATE + sign * np.diag([1.0] * 3 + [1e-3] * 3)[k], gm, equator, form)
             for k in range(6)
             for sign in (1, -1)
         ]
         by_state = (np.array(ends[::2]) - np.array(ends[1::2])).T / [2.0, 2.0, 2.0, 2e-3, 2e-3, 2e-3]
-        found, sigma = known.state.elements(form)
-        parameters = dict(zip(known.parameters.names, known.values, strict=True))
-        assert found[names[0]] == pytest.approx(parameters[f"state.{names[0]}"], abs=1e-6)
-        totals = dict(zip(known.parameters.names, known.sigmas(), strict=True))
+        fitted, sigma = reference.state.elements(form)
+        parameters = dict(zip(reference.parameters.names, reference.values, strict=True))
+        assert fitted[names[0]] == pytest.approx(parameters[f"state.{names[0]}"], abs=1e-6)
+        totals = dict(zip(reference.parameters.names, reference.sigmas(), strict=True))
         for name in names:
             assert sigma[name] == pytest.approx(totals[f"state.{name}"], rel=1e-6)
     rows = by_state[[names.index(name) for name in sigmas]] / np.array(list(sigmas.values()))[:, None]
     expected = np.linalg.inv(unknown.parameter_covariance("formal"))
     expected[:6, :6] += rows.T @ rows
     covariance = np.linalg.inv(expected)[:6, :6]
-    sigma = np.sqrt(np.diag(known.state.covariance))
+    sigma = np.sqrt(np.diag(reference.state.covariance))
     assert (sigma < 0.7 * np.sqrt(np.diag(unknown.state.covariance))).any()
     np.testing.assert_allclose(sigma, np.sqrt(np.diag(covariance)), rtol=1e-3)
 
 
-def written(tmp_path, *, target="", forces="", more=""):
+def written(tmp_path, *, target="", forces="", extra=""):
     (tmp_path / "ranges.csv").write_text("epoch_utc,type,path,observed_m,sigma_m,time_tag,count_s\n")
     content = (
         '[target]\ndynamics = "moon"\nepoch = "2012-04-09T04:30:00"\nposition_m = [575739.0, -463249.0, -1631639.0]\n'
         f"velocity_m_s = [-567.864, 1434.223, -600.209]\n{target}\n"
-        f'[forces]\ndegree = 10\n{forces}\n[observations]\nfiles = ["ranges.csv"]\n{more}\n'
+        f'[forces]\ndegree = 10\n{forces}\n[observations]\nfiles = ["ranges.csv"]\n{extra}\n'
     )
     (tmp_path / "study.toml").write_text(content)
     return tmp_path / "study.toml"
@@ -290,7 +292,7 @@ def test_a_study_file_says_state_and_forces(tmp_path):
         '[[forces.impulses]]\nname = "burn"\nepoch = "2012-04-09T06:00:00"\ndelta_v_m_s = [0.0, 1.0, 0.0]\n'
     )
     study = radioloc.read_study(
-        written(tmp_path, forces=forces, more='[estimate.orbit]\nsigma = { "burn" = 0.1 }\n')
+        written(tmp_path, forces=forces, extra='[estimate.orbit]\nsigma = { "burn" = 0.1 }\n')
     )
     assert (study.target.forces.gravity.degree, study.target.forces.k2) == (10, 0.0)
     chosen = study.estimate.orbit
@@ -310,20 +312,20 @@ def test_a_study_file_gives_the_state_by_elements(tmp_path, model, form, axes):
         f"{name} = {value!r}" for name, value in zip(FORMS[form], elements.tolist(), strict=True)
     )
     path = written(tmp_path, target=f'{lines}\naxes = "{axes}"')
-    kept = [
+    selected = [
         line
         for line in path.read_text().splitlines()
         if "position_m =" not in line and "velocity" not in line
     ]
-    path.write_text("\n".join(kept))
+    path.write_text("\n".join(selected))
     np.testing.assert_allclose(radioloc.read_study(path).target.state, STATE, rtol=0, atol=1e-7)
-    path.write_text("\n".join(kept).replace(f'axes = "{axes}"', 'axes = "icrf"'))
+    path.write_text("\n".join(selected).replace(f'axes = "{axes}"', 'axes = "icrf"'))
     with pytest.raises(InputError, match=r"\[target\] axes must be one of \"equator\", \"ICRF\", not 'icrf'"):
         radioloc.read_study(path)
 
 
 @pytest.mark.parametrize(
-    ("given", "message"),
+    ("changes", "message"),
     [
         ({"target": "altitude_m = 5e4"}, r"\[target\] position_m: give either position_m"),
         ({"more": "[estimate.orbit]\nstate_sigma = { ex = 1e-5, radial_m = 1.0 }"}, "keys of one form"),
@@ -340,9 +342,9 @@ def test_a_study_file_gives_the_state_by_elements(tmp_path, model, form, axes):
         ({"more": '[estimate.orbit]\nforces = ["drag"]'}, r"forces: expected some of .*, got 'drag'"),
     ],
 )
-def test_mistakes_of_a_study_are_named(tmp_path, given, message):
+def test_mistakes_of_a_study_are_named(tmp_path, changes, message):
     with pytest.raises(InputError, match=message):
-        radioloc.read_study(written(tmp_path, **given))
+        radioloc.read_study(written(tmp_path, **changes))
 
 
 @pytest.mark.parametrize(
@@ -384,12 +386,14 @@ def test_a_pass_of_grail_fits_to_its_noise(tmp_path):
 def test_occultation_is_decided_at_the_estimate_not_on_the_a_priori_orbit(tmp_path):
     study = grail(tmp_path, 2.5)
     off = study.target.state + 12e3 * (np.arange(6) == 2)
-    near, far = (radioloc.locate(one) for one in (study, replace(study, target=study.target.with_state(off))))
-    assert near.converged
-    assert far.converged
+    close, distant = (
+        radioloc.locate(item) for item in (study, replace(study, target=study.target.with_state(off)))
+    )
+    assert close.converged
+    assert distant.converged
     # On the a-priori orbit that is off 8 more counts are behind the Moon.
-    assert far.residuals.used.tolist() == near.residuals.used.tolist()
-    np.testing.assert_allclose(far.state.position_m, near.state.position_m, atol=1.0)
+    assert distant.residuals.used.tolist() == close.residuals.used.tolist()
+    np.testing.assert_allclose(distant.state.position_m, close.state.position_m, atol=1.0)
 
 
 @pytest.mark.slow
@@ -411,22 +415,22 @@ def counted(model, empty, acting):
 @pytest.mark.slow
 def test_sigmas_hold_what_a_real_field_has_beyond_that_of_the_fit(model, doppler):
     """The truth has degrees 101 to 150 of GRGM660PRIM; the fit, to degree 100, does not."""
-    known, fitted = (
+    reference, fitted = (
         Forces(GravityField.open("GRGM660PRIM", degree), gradient_degree=40) for degree in (150, 100)
     )
     empty = replace(doppler, sigma_m=np.full(len(doppler), 0.02))
     noise_m = 1e-3 * np.random.default_rng(5).normal(size=len(doppler))
-    data = replace(empty, value_m=counted(model, empty, known) + noise_m)
+    data = replace(empty, value_m=counted(model, empty, reference) + noise_m)
     study, states = study_of(fitted, off=np.zeros(6)), {}
     for count in (0, 20):
         target = replace(study.target, gravity_errors=count, gravity_error_degree=170)
         states[count] = radioloc.locate(replace(study, target=target), data).state
     times = states[20].orbit.times(9)
-    position_m, velocity_m_s = propagate(EPOCH, STATE[:3], STATE[3:], known, (0.0, 13000.0)).states(times)
+    position_m, velocity_m_s = propagate(EPOCH, STATE[:3], STATE[3:], reference, (0.0, 13000.0)).states(times)
     across = np.cross(position_m, velocity_m_s)
-    along = np.cross(across, position_m)
+    along_track = np.cross(across, position_m)
     axes = np.stack(
-        [one / np.linalg.norm(one, axis=1)[:, None] for one in (position_m, along, across)], axis=1
+        [item / np.linalg.norm(item, axis=1)[:, None] for item in (position_m, along_track, across)], axis=1
     )
     error_rtn_m = np.einsum("nij,nj->ni", axes, states[20].orbit.states(times)[0] - position_m)
     assert (np.abs(error_rtn_m) < 3.0 * states[20].sigma_rtn_m(times)).all()

@@ -24,9 +24,11 @@ def script():
 
 def test_the_files_are_what_the_script_makes(script, tmp_path):
     script.main(tmp_path)
-    made, shipped = (radioloc.read_observations(folder / "tracking.csv") for folder in (tmp_path, EXAMPLE))
-    assert np.array_equal(made.epoch.mjd, shipped.epoch.mjd)
-    assert np.abs(made.value_m - shipped.value_m).max() < REVISED_M
+    simulated, shipped = (
+        radioloc.read_observations(folder / "tracking.csv") for folder in (tmp_path, EXAMPLE)
+    )
+    assert np.array_equal(simulated.epoch.mjd, shipped.epoch.mjd)
+    assert np.abs(simulated.value_m - shipped.value_m).max() < REVISED_M
     source = radioloc.ephemeris.Trajectory.open(EXAMPLE / "orbiter.bsp", script.BODY)
     et_s = np.arange(script.FIRST_S, script.LAST_S, 7.0 * script.STEP_S)
     states = source.states(et_s, source.segment_at(et_s))

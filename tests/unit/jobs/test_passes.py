@@ -34,14 +34,14 @@ def elevation_deg(study, station, utc):
 
 @pytest.mark.study
 def test_a_target_rises_and_sets_at_the_masks_of_the_schedule(plan):
-    found = visibility(plan)
-    assert (found.start_utc, found.stop_utc) == ("2020-12-01T15:11:00", "2020-12-03T15:10:00")
-    assert set(found.masks_deg.values()) == {10.0, 15.0}
-    edges = [(one.station, one.start_utc) for one in found.passes if one.rises]
-    edges += [(one.station, one.stop_utc) for one in found.passes if one.sets]
+    result = visibility(plan)
+    assert (result.start_utc, result.stop_utc) == ("2020-12-01T15:11:00", "2020-12-03T15:10:00")
+    assert set(result.masks_deg.values()) == {10.0, 15.0}
+    edges = [(item.station, item.start_utc) for item in result.passes if item.rises]
+    edges += [(item.station, item.stop_utc) for item in result.passes if item.sets]
     assert len(edges) > 20
     for station, utc in edges:
-        above_deg = elevation_deg(plan, station, [utc])[0] - found.masks_deg[station]
+        above_deg = elevation_deg(plan, station, [utc])[0] - result.masks_deg[station]
         assert above_deg + 0.1 * SECOND_DEG >= 0.0
         assert above_deg < 1.1 * SECOND_DEG
 
@@ -50,34 +50,34 @@ def test_a_target_rises_and_sets_at_the_masks_of_the_schedule(plan):
 def test_each_of_several_targets_has_its_passes():
     study = radioloc.read_study(EXAMPLES / "reflectors" / "de440.toml")
     span = {"start_utc": "2024-04-14", "stop_utc": "2024-04-14T20:00:00"}
-    found = visibility(study, ["GRASSE", "NEUQUEN"], **span)
-    assert found.targets == tuple(study.targets)
+    result = visibility(study, ["GRASSE", "NEUQUEN"], **span)
+    assert result.targets == tuple(study.targets)
     for name, place in study.targets.items():
-        mine = [replace(one, target="") for one in found.passes if one.target == name]
-        alone = visibility(replace(study, target=place, targets={}), ["GRASSE", "NEUQUEN"], **span)
-        assert tuple(mine) == alone.passes
-        assert len(mine) == 3
+        expected = [replace(item, target="") for item in result.passes if item.target == name]
+        separate = visibility(replace(study, target=place, targets={}), ["GRASSE", "NEUQUEN"], **span)
+        assert tuple(expected) == separate.passes
+        assert len(expected) == 3
 
 
 def test_the_highest_elevation_of_a_pass_is_that(plan):
-    [one] = visibility(plan, ["NM"], stop_utc="2020-12-02T12:00:00").passes
-    assert (one.station, one.rises, one.sets) == ("NEUQUEN", True, True)
-    start = np.datetime64(one.start_utc)
-    seconds = (np.datetime64(one.stop_utc) - start).astype(int)
-    assert one.hours == pytest.approx(seconds / 3600.0, abs=1e-9)
+    [item] = visibility(plan, ["NM"], stop_utc="2020-12-02T12:00:00").passes
+    assert (item.station, item.rises, item.sets) == ("NEUQUEN", True, True)
+    start = np.datetime64(item.start_utc)
+    seconds = (np.datetime64(item.stop_utc) - start).astype(int)
+    assert item.hours == pytest.approx(seconds / 3600.0, abs=1e-9)
     dense_deg = elevation_deg(plan, "NEUQUEN", (start + np.arange(0, seconds, 10)).astype(str).tolist())
-    assert abs(dense_deg.max() - one.highest_deg) < MINUTE_DEG
-    assert elevation_deg(plan, "NEUQUEN", [one.highest_utc])[0] == pytest.approx(
-        one.highest_deg, abs=SECOND_DEG
+    assert abs(dense_deg.max() - item.highest_deg) < MINUTE_DEG
+    assert elevation_deg(plan, "NEUQUEN", [item.highest_utc])[0] == pytest.approx(
+        item.highest_deg, abs=SECOND_DEG
     )
 
 
 def test_of_data_the_stations_and_the_span_are_those_of_the_observations():
-    found = visibility(EXAMPLES / "apollo15" / "apollo15.toml", stop_utc="2006-04-08")
-    assert (found.start_utc, list(found.masks_deg)) == ("2006-04-07T06:26:30", ["APOLLO"])
+    result = visibility(EXAMPLES / "apollo15" / "apollo15.toml", stop_utc="2006-04-08")
+    assert (result.start_utc, list(result.masks_deg)) == ("2006-04-07T06:26:30", ["APOLLO"])
     # What was measured then was seen.
-    assert found.passes[0].highest_deg > 10.0
-    assert not found.passes[0].rises
+    assert result.passes[0].highest_deg > 10.0
+    assert not result.passes[0].rises
 
 
 def test_what_cannot_be_searched(plan):

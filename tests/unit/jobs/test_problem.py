@@ -33,8 +33,8 @@ def target(place, model):
 @pytest.mark.parametrize("place", PLACES)
 def test_partials_are_the_slopes(place, form, late15, model):
     start = target(place, model)
-    few = late15.select([0, 9, 27])
-    arc = radioloc.measurements.ExactPredictor(model, few, FixedPoint(start.xyz_m))
+    sample = late15.select([0, 9, 27])
+    arc = radioloc.measurements.ExactPredictor(model, sample, FixedPoint(start.xyz_m))
     choice = EstimateChoice(position=form, range_bias="all", time_bias="all")
     problem = observation_model(arc, surface_points({"": start}, model, choice), choice)
     steps = {"m": 100.0, "s": 1e-3}
@@ -44,8 +44,8 @@ def test_partials_are_the_slopes(place, form, late15, model):
     for k, parameter in enumerate(problem.parameters):
         step = np.zeros(len(x))
         step[k] = steps[parameter.unit]
-        after, before = problem.residuals(x + step)[0], problem.residuals(x - step)[0]
-        slope = (before - after) / (2.0 * step[k])
+        later, earlier = problem.residuals(x + step)[0], problem.residuals(x - step)[0]
+        slope = (earlier - later) / (2.0 * step[k])
         assert slope == pytest.approx(
             partials[:, k], abs=PARTIALS_M * (1.0 if parameter.unit == "m" else 1e4)
         )
@@ -60,27 +60,29 @@ POLES = [(0.0, -90.0), (45.0, -89.9), (10.0, 88.5), (88.0, 0.0)]
 def test_lander_near_a_pole_is_found_from_across_the_pole(place, form, apollo15, model):
     lon, lat = place
     truth = LunarPosition.from_selenographic(lon, lat, 1000.0).to_axes("PA", model.ephemeris.constants)
-    few = apollo15.select(slice(None, None, 3))
-    predicted_m = radioloc.measurements.ExactPredictor(model, few, FixedPoint(truth.xyz_m)).compute().value_m
+    sample = apollo15.select(slice(None, None, 3))
+    predicted_m = (
+        radioloc.measurements.ExactPredictor(model, sample, FixedPoint(truth.xyz_m)).compute().value_m
+    )
     observations = radioloc.Observations.from_columns(
-        epoch=few.epoch,
-        links=few.links,
-        link=few.link,
-        tag=few.tag,
+        epoch=sample.epoch,
+        links=sample.links,
+        link=sample.link,
+        tag=sample.tag,
         value_m=predicted_m,
         sigma_m=0.03,
-        pressure_hpa=few.pressure_hpa,
-        temperature_k=few.temperature_k,
-        relative_humidity=few.relative_humidity,
-        wavelength_um=few.wavelength_um,
+        pressure_hpa=sample.pressure_hpa,
+        temperature_k=sample.temperature_k,
+        relative_humidity=sample.relative_humidity,
+        wavelength_um=sample.wavelength_um,
     )
-    there = LunarPosition.from_selenographic(
+    target = LunarPosition.from_selenographic(
         lon + 160.0 * (abs(lat) > 80.0), np.sign(lat) * 88.9 if lat else 1.5, 0.0
     )
-    study = radioloc.Study(target=there, estimate=EstimateChoice(position=form))
-    found = radioloc.locate(study, observations)
-    assert found.converged
-    assert np.linalg.norm(found.position_pa_m - truth.xyz_m) < 1e-3
+    study = radioloc.Study(target=target, estimate=EstimateChoice(position=form))
+    solution = radioloc.locate(study, observations)
+    assert solution.converged
+    assert np.linalg.norm(solution.position_pa_m - truth.xyz_m) < 1e-3
 
 
 def test_biases_by_kind_of_measurement(near15, model):
@@ -101,11 +103,11 @@ def test_biases_by_kind_of_measurement(near15, model):
     start = near15.to_axes("PA", model.ephemeris.constants)
     arc = radioloc.measurements.ExactPredictor(model, observations, FixedPoint(start.xyz_m))
     choice = EstimateChoice(range_bias="all", time_bias="all")
-    found = observation_model(arc, surface_points({"": start}, model, choice), choice)
-    names = [p.name for p in found.parameters][3:]
+    solution = observation_model(arc, surface_points({"": start}, model, choice), choice)
+    names = [p.name for p in solution.parameters][3:]
     assert names == ["range_bias.GRASSE", "time_bias.APOLLO", "time_bias.GRASSE"]
     by_time = arc.compute(FixedPoint(start.xyz_m)).by_time_m_s
-    columns = found.residuals(found.parameters.prior_values)[1][:, 3:]
+    columns = solution.residuals(solution.parameters.prior_values)[1][:, 3:]
     first = np.array([True, False, False, True, False])
     assert columns[:, 0].tolist() == [1.0, 1.0, 1.0, 0.0, 0.0]
     assert (columns[:, 1] == np.where(first, by_time, 0.0)).all()

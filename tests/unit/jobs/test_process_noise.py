@@ -30,13 +30,13 @@ def forces():
 def drawn(seed, interval_s, correlation_s, span_s=(-4100.0, 12100.0)):
     """Accelerations of first order by the sigmas of NOISE."""
     random = np.random.default_rng(seed)
-    before, after = (int(np.ceil(abs(end_s) / interval_s)) for end_s in span_s)
+    earlier, later = (int(np.ceil(abs(end_s) / interval_s)) for end_s in span_s)
     persistence = np.exp(-interval_s / correlation_s)
     values = [random.normal(size=3)]
-    for _ in range(before + after - 1):
+    for _ in range(earlier + later - 1):
         values.append(persistence * values[-1] + np.sqrt(1.0 - persistence**2) * random.normal(size=3))
     in_order = np.array(values) * NOISE.sigma_m_s2
-    return stochastic_forces(EPOCH, (in_order[before:], in_order[:before][::-1]), interval_s)
+    return stochastic_forces(EPOCH, (in_order[earlier:], in_order[:earlier][::-1]), interval_s)
 
 
 def counts(model, forces, accelerations, seed=20120409):
@@ -80,9 +80,9 @@ def test_the_orbit_is_found_within_sigmas_that_a_fit_without_process_noise_misse
     error = np.concatenate([solution.state.position_m, solution.state.velocity_m_s]) - STATE
     # A chi squared of 6 degrees of freedom.
     assert error @ np.linalg.solve(solution.state.covariance, error) < 22.5
-    without = radioloc.locate(study_of(forces), observations)
-    assert not without.converged
-    assert without.fit.total.wrms_m > 3.0 * SIGMA_M
+    reduced = radioloc.locate(study_of(forces), observations)
+    assert not reduced.converged
+    assert reduced.fit.total.wrms_m > 3.0 * SIGMA_M
 
 
 def test_residuals_are_those_of_the_smoothed_orbit(model, doppler, solution):
@@ -99,7 +99,7 @@ def test_the_filter_is_a_batch_fit_of_accelerations_by_variational_equations(for
     observations, _ = doppler
     noise = replace(NOISE, correlation_s=0.0)
     chosen = study_of(forces, process_noise=noise, state_sigma_m=1e3)
-    found = radioloc.locate(chosen, observations).state
+    errors = radioloc.locate(chosen, observations).state
     names = [f"a{k:+d}" for k in range(-7, 21)]
     intervals = tuple(
         Acceleration(name, start=EPOCH.shifted(600.0 * k), stop=EPOCH.shifted(600.0 * (k + 1)))
@@ -119,16 +119,16 @@ def test_the_filter_is_a_batch_fit_of_accelerations_by_variational_equations(for
     )
     sigmas = np.sqrt(np.diag(batch.state.covariance))
     difference = np.concatenate(
-        [found.position_m - batch.state.position_m, found.velocity_m_s - batch.state.velocity_m_s]
+        [errors.position_m - batch.state.position_m, errors.velocity_m_s - batch.state.velocity_m_s]
     )
     assert np.abs(difference / sigmas).max() < 10.0 * STEP_OF_A_FIT
-    np.testing.assert_allclose(np.sqrt(np.diag(found.covariance)), sigmas, rtol=2e-3)
+    np.testing.assert_allclose(np.sqrt(np.diag(errors.covariance)), sigmas, rtol=2e-3)
     # On the arc, where the accelerations' own errors count.
-    times = found.orbit.times(11)[1:-1]
-    np.testing.assert_allclose(found.sigma_rtn_m(times), batch.state.sigma_rtn_m(times), rtol=5e-3)
+    times = errors.orbit.times(11)[1:-1]
+    np.testing.assert_allclose(errors.sigma_rtn_m(times), batch.state.sigma_rtn_m(times), rtol=5e-3)
     by_name = dict(zip(batch.parameters.names, batch.values, strict=True))
     estimated = np.array([[by_name[f"force.{name}.{axis}"] for axis in "rtn"] for name in names])
-    record = found.process.to_dict()
+    record = errors.process.to_dict()
     assert record["start_tdb"][0] == "2012-04-09T03:20:00.000"
     smoothed = np.array(record["acceleration_m_s2"])
     assert (np.abs(smoothed - estimated[-len(smoothed) :]) < 10.0 * STEP_OF_A_FIT * NOISE.sigma_m_s2).all()
@@ -164,14 +164,14 @@ def test_what_cannot_be_with_process_noise_is_refused(forces, doppler):
 def test_orbits_with_forces_that_the_model_lacks_are_within_their_sigmas(model, forces):
     """In each of 24 trials accelerations of 150 s with a correlation of 600 s."""
     noise = replace(NOISE, interval_s=150.0)
-    squares, without = [], []
+    squares, reduced = [], []
     for seed in range(24):
         observations, orbit = counts(model, forces, drawn(seed, 150.0, 600.0), seed)
-        for found, more in ((squares, {"process_noise": noise}), (without, {})):
-            solution = radioloc.locate(study_of(forces, **more), observations)
+        for errors, extra in ((squares, {"process_noise": noise}), (reduced, {})):
+            solution = radioloc.locate(study_of(forces, **extra), observations)
             times = solution.state.orbit.times(4)[1:-1]
             size = errors_m(solution, orbit, times) / solution.state.sigma_rtn_m(times)
-            found.append((size**2).mean())
+            errors.append((size**2).mean())
     # Errors of one orbit are nearly in one direction: a chi squared of 24 degrees of freedom, in 998 of 1000 cases.
     assert 0.34 < np.mean(squares) < 2.13
-    assert np.mean(without) > 2.0 * np.mean(squares)
+    assert np.mean(reduced) > 2.0 * np.mean(squares)

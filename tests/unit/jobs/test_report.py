@@ -95,10 +95,10 @@ def test_again_gives_the_same_bytes(figures, study, folder, tmp_path, request):
 
 @pytest.mark.study
 def test_no_plot_of_a_position_that_is_not_known(apollo15, near15, tmp_path):
-    one = radioloc.locate(Study(target=near15), apollo15.select([0]))
+    single = radioloc.locate(Study(target=near15), apollo15.select([0]))
     hidden = LunarPosition.from_selenographic(178.0, 26.0, 0.0)
-    far = radioloc.compute_residuals(Study(target=hidden), apollo15.select([0, 1]))
-    for k, solution in enumerate((one, far)):
+    distant = radioloc.compute_residuals(Study(target=hidden), apollo15.select([0, 1]))
+    for k, solution in enumerate((single, distant)):
         names = {file.name for file in write_report(tmp_path / str(k), solution)}
         drawn = {name.removesuffix(".png") for name in names if name.endswith(".png")}
         # Of the first an observation is used; the Moon hides the second point, so nothing is distributed.

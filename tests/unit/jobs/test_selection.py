@@ -38,16 +38,16 @@ def some():
     return observations([0, 1, 2, 3, 4, 0], days)
 
 
-def kept(choice, given=None, positions=()):
-    chosen, left_out = select_observations(given or some(), choice, CATALOGUE, positions)
+def selected_rows(choice, observed=None, positions=()):
+    chosen, left_out = select_observations(observed or some(), choice, CATALOGUE, positions)
     rows = (chosen.value_m - 7.7e8).astype(int).tolist()
-    assert len(rows) + sum(left_out.values()) == len(given or some())
+    assert len(rows) + sum(left_out.values()) == len(observed or some())
     return rows, left_out
 
 
 def test_target_by_any_of_its_names():
-    assert kept(ObservationChoice(targets="AP15")) == ([0, 1, 2, 4, 5], {"other target": 1})
-    assert kept(ObservationChoice(targets=["apollo-11", "Apollo 11"])) == ([3], {"other target": 5})
+    assert selected_rows(ObservationChoice(targets="AP15")) == ([0, 1, 2, 4, 5], {"other target": 1})
+    assert selected_rows(ObservationChoice(targets=["apollo-11", "Apollo 11"])) == ([3], {"other target": 5})
 
 
 def test_targets_under_the_names_of_the_study():
@@ -59,7 +59,7 @@ def test_targets_under_the_names_of_the_study():
         [2e9, 8e9],
         [0, 0],
     )
-    given = Observations.from_columns(
+    observed = Observations.from_columns(
         epoch=epochs_from_strings(["2012-04-01"] * 3, "UTC"),
         links=links,
         link=[0, 1, 2],
@@ -70,13 +70,13 @@ def test_targets_under_the_names_of_the_study():
         count_s=1.0,
         ramps=of_beacon,
     )
-    assert with_target_names(given, {}) is given
-    named = with_target_names(given, {"SC181": "grail-b"})
+    assert with_target_names(observed, {}) is observed
+    named = with_target_names(observed, {"SC181": "grail-b"})
     assert named.paths().tolist() == ["DSS-24>grail-b>DSS-24", *["grail-b>DSS-24"] * 2]
     assert len(named.links) == 2
     assert named.ramps.stations == ("DSS-24", "grail-b")
     with pytest.raises(InputError, match=r"target_names: .*grail-b, sc181.* got sc999"):
-        with_target_names(given, {"sc999": "x"})
+        with_target_names(observed, {"sc999": "x"})
 
 
 def test_a_table_of_which_all_is_kept_is_not_copied():
@@ -86,22 +86,22 @@ def test_a_table_of_which_all_is_kept_is_not_copied():
 
 def test_several_targets_need_a_choice():
     with pytest.raises(InputError, match=r"one target.* got apollo11, apollo15; name one"):
-        kept(ObservationChoice())
+        selected_rows(ObservationChoice())
     with pytest.raises(InputError, match="several targets are named: apollo11, apollo15"):
-        kept(ObservationChoice(targets=["apollo11", "apollo15"]))
+        selected_rows(ObservationChoice(targets=["apollo11", "apollo15"]))
     with pytest.raises(InputError, match="no observation of luna17; the files have apollo11, apollo15"):
-        kept(ObservationChoice(targets="lunokhod1"))
+        selected_rows(ObservationChoice(targets="lunokhod1"))
 
 
 def test_targets_with_positions_are_kept():
-    assert kept(ObservationChoice(), positions=["apollo11", "AP15"]) == ([0, 1, 2, 3, 4, 5], {})
-    assert kept(ObservationChoice(), positions=["apollo11"]) == ([3], {"other target": 5})
-    both = {"positions": ["apollo11", "apollo15"]}
-    assert kept(ObservationChoice(targets="AP11"), **both) == ([3], {"other target": 5})
+    assert selected_rows(ObservationChoice(), positions=["apollo11", "AP15"]) == ([0, 1, 2, 3, 4, 5], {})
+    assert selected_rows(ObservationChoice(), positions=["apollo11"]) == ([3], {"other target": 5})
+    joint = {"positions": ["apollo11", "apollo15"]}
+    assert selected_rows(ObservationChoice(targets="AP11"), **joint) == ([3], {"other target": 5})
     with pytest.raises(InputError, match=r"\[targets\]: no observation of luna17; the files have apollo11"):
-        kept(ObservationChoice(), positions=["luna17"])
+        selected_rows(ObservationChoice(), positions=["luna17"])
     with pytest.raises(InputError, match=r"targets with positions, got apollo15; .*: \[model\] sources"):
-        kept(ObservationChoice(targets="apollo15"), positions=["apollo11"])
+        selected_rows(ObservationChoice(targets="apollo15"), positions=["apollo11"])
 
 
 def test_name_of_the_only_target_selects_among_several():
@@ -114,7 +114,7 @@ def test_name_of_the_only_target_selects_among_several():
 
 def test_links_of_two_targets_need_both():
     links = [Link("JIAMUSI", "lander", "KASHI", True, "rover"), Link("JIAMUSI", "rover", "KASHI", True)]
-    given = Observations.from_columns(
+    observed = Observations.from_columns(
         epoch=epochs_from_strings(["2024-05-03", "2024-05-04"], "UTC"),
         links=links,
         link=[0, 1],
@@ -125,7 +125,7 @@ def test_links_of_two_targets_need_both():
     )
 
     def values_m(positions):
-        return select_observations(given, ObservationChoice(), CATALOGUE, positions)[0].value_m.tolist()
+        return select_observations(observed, ObservationChoice(), CATALOGUE, positions)[0].value_m.tolist()
 
     assert values_m(["lander", "rover"]) == [0.0, 1.0]
     assert values_m(["rover"]) == [1.0]
@@ -133,18 +133,18 @@ def test_links_of_two_targets_need_both():
 
 def test_stations_take_part_only_with_both_ends():
     fifteen = {"targets": "apollo15"}
-    assert kept(ObservationChoice(**fifteen, stations="7045"))[0] == [0, 5]
-    assert kept(ObservationChoice(**fifteen, stations=["GRASSE", "apollo"]))[0] == [0, 1, 2, 5]
+    assert selected_rows(ObservationChoice(**fifteen, stations="7045"))[0] == [0, 5]
+    assert selected_rows(ObservationChoice(**fifteen, stations=["GRASSE", "apollo"]))[0] == [0, 1, 2, 5]
     with pytest.raises(InputError, match="no observation by MATERA; the files have APOLLO, GRASSE, NEW"):
-        kept(ObservationChoice(**fifteen, stations="MATERA"))
+        selected_rows(ObservationChoice(**fifteen, stations="MATERA"))
     with pytest.raises(InputError, match=r"\[observations\] stations: no observation by DSN"):
-        kept(ObservationChoice(**fifteen, stations="DSN"))
+        selected_rows(ObservationChoice(**fifteen, stations="DSN"))
     with pytest.raises(StationError, match=r"\[observations\] stations: station 'NOPE'"):
-        kept(ObservationChoice(**fifteen, stations="NOPE"))
+        selected_rows(ObservationChoice(**fifteen, stations="NOPE"))
 
 
 def test_one_way_links_have_one_station():
-    given = Observations.from_columns(
+    observed = Observations.from_columns(
         epoch=epochs_from_strings(["2024-05-03", "2024-05-04"], "UTC"),
         links=[Link("", "lander", "KASHI"), Link("", "lander", "JIAMUSI")],
         link=[0, 1],
@@ -153,7 +153,7 @@ def test_one_way_links_have_one_station():
         value_m=[3.8e8, 3.9e8],
         sigma_m=0.01,
     )
-    chosen, left_out = select_observations(given, ObservationChoice(stations="KASHI"), CATALOGUE)
+    chosen, left_out = select_observations(observed, ObservationChoice(stations="KASHI"), CATALOGUE)
     assert (chosen.value_m.tolist(), left_out) == ([3.8e8], {"other station": 1})
 
 
@@ -163,21 +163,21 @@ def test_span_includes_its_ends():
         start=epochs_from_strings("2024-05-02", "UTC"),
         stop=epochs_from_strings("2024-05-04", "UTC"),
     )
-    assert kept(span) == ([0, 2, 4], {"other target": 1, "outside the time span": 2})
+    assert selected_rows(span) == ([0, 2, 4], {"other target": 1, "outside the time span": 2})
 
 
 def test_hours_count_from_the_first_that_is_left():
-    assert kept(ObservationChoice(targets="apollo15", hours=48.0))[0] == [0, 1, 2]
+    assert selected_rows(ObservationChoice(targets="apollo15", hours=48.0))[0] == [0, 1, 2]
     # Without GRASSE's the first is the one of 3 May.
-    assert kept(ObservationChoice(targets="apollo15", stations="APOLLO", hours=48.0))[0] == [0, 5]
+    assert selected_rows(ObservationChoice(targets="apollo15", stations="APOLLO", hours=48.0))[0] == [0, 5]
     start = epochs_from_strings("2024-05-02T06:00:00", "UTC")
-    assert kept(ObservationChoice(targets="apollo15", start=start, hours=24.0))[0] == [0]
+    assert selected_rows(ObservationChoice(targets="apollo15", start=start, hours=24.0))[0] == [0]
 
 
 def test_hours_are_those_of_atoms_over_a_leap_second():
-    given = observations([0, 0, 0], ["2016-12-31T23:00:00", "2016-12-31T23:59:60", "2017-01-01T00:00:00"])
-    assert kept(ObservationChoice(hours=1.0), given)[0] == [0, 1]
-    assert kept(ObservationChoice(hours=3601.0 / 3600.0), given)[0] == [0, 1, 2]
+    observed = observations([0, 0, 0], ["2016-12-31T23:00:00", "2016-12-31T23:59:60", "2017-01-01T00:00:00"])
+    assert selected_rows(ObservationChoice(hours=1.0), observed)[0] == [0, 1]
+    assert selected_rows(ObservationChoice(hours=3601.0 / 3600.0), observed)[0] == [0, 1, 2]
 
 
 @pytest.mark.parametrize("span", [{"start": "2030-01-01"}, {"stop": "1990-01-01"}])
@@ -186,10 +186,10 @@ def test_nothing_left_says_why(span):
         targets="apollo15", **{key: epochs_from_strings(day, "UTC") for key, day in span.items()}
     )
     with pytest.raises(InputError, match=r"no observations left \(1 other target; 5 outside the time span\)"):
-        kept(choice)
+        selected_rows(choice)
 
 
 def test_nothing_to_begin_with():
-    none = some().select([])
+    empty = some().select([])
     with pytest.raises(InputError, match=r"no observations left \(the files hold none\)"):
-        select_observations(none, ObservationChoice(), CATALOGUE)
+        select_observations(empty, ObservationChoice(), CATALOGUE)

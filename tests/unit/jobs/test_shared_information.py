@@ -48,11 +48,11 @@ def in_other_words(data, folder, ending):
 
 @pytest.mark.parametrize("ending", ["csv", "parquet", "tdm", "rounded.csv"])
 def test_the_same_observations_in_another_format_are_not_combined(days, tmp_path, ending):
-    one = located("one", days[0])
+    item = located("one", days[0])
     two = located("two", in_other_words(days[0], tmp_path, ending))
-    found = compare([one, two])
-    assert [pair.why for pair in found.agreements] == ["they share observations"]
-    assert found.joint is None
+    comparison = compare([item, two])
+    assert [pair.why for pair in comparison.agreements] == ["they share observations"]
+    assert comparison.joint is None
 
 
 def test_a_part_with_settings_of_its_own_shares_its_observations(tracked):
@@ -63,28 +63,28 @@ def test_a_part_with_settings_of_its_own_shares_its_observations(tracked):
 
 def test_halves_of_one_file_and_other_noise_share_nothing(tracked, model):
     even = np.arange(len(tracked)) % 2 == 0
-    found = compare([located("one", tracked[even]), located("two", tracked[~even])])
-    assert found.joint is not None
-    other = replace(tracked, value_m=tracked.value_m + np.random.default_rng(1).normal(size=len(tracked)))
-    assert compare([located("one", tracked), located("two", other)]).joint is not None
+    comparison = compare([located("one", tracked[even]), located("two", tracked[~even])])
+    assert comparison.joint is not None
+    second = replace(tracked, value_m=tracked.value_m + np.random.default_rng(1).normal(size=len(tracked)))
+    assert compare([located("one", tracked), located("two", second)]).joint is not None
 
 
 def test_an_a_priori_value_of_both_counts_once(days):
     """The joint estimate is that of one fit to all data, where the height and the biases have their priors once."""
-    one, two = (located(name, data) for name, data in zip("ab", days, strict=True))
-    joint = compare([one, two]).joint
-    whole = located("whole", Observations.concatenate(days))
-    sigma_m, expected_m = np.sqrt(np.diag(joint.covariance_enu_m2)), whole.sigma_enu_m()
+    item, two = (located(name, data) for name, data in zip("ab", days, strict=True))
+    joint = compare([item, two]).joint
+    complete = located("whole", Observations.concatenate(days))
+    sigma_m, expected_m = np.sqrt(np.diag(joint.covariance_enu_m2)), complete.sigma_enu_m()
     # Three coordinates of each tell a little less than its biases beside them. Counted twice, the height has 3.5 m.
     np.testing.assert_allclose(sigma_m, expected_m, rtol=2e-3)
-    np.testing.assert_allclose(joint.position_me_m, whole.position_me_m, atol=0.2)
+    np.testing.assert_allclose(joint.position_me_m, complete.position_me_m, atol=0.2)
 
 
 def test_another_a_priori_value_is_other_information(days):
-    other = replace(CHOICE, height_prior=HeightPrior(-2551.0, 5.0))
-    one, two = located("a", days[0]), located("b", days[1], other)
-    joint = compare([one, two]).joint
-    assert np.sqrt(joint.covariance_enu_m2[2, 2]) < 0.8 * one.sigma_enu_m()[2]
+    second = replace(CHOICE, height_prior=HeightPrior(-2551.0, 5.0))
+    item, two = located("a", days[0]), located("b", days[1], second)
+    joint = compare([item, two]).joint
+    assert np.sqrt(joint.covariance_enu_m2[2, 2]) < 0.8 * item.sigma_enu_m()[2]
 
 
 def test_roughness_of_a_terrain_is_common_to_near_places_only():

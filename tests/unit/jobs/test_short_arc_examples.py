@@ -12,33 +12,33 @@ FOLDER = EXAMPLES / "change5"
 LIKELY_SIGMAS = 5.1  # 1e-5 of chance in three coordinates
 
 
-def horizontal_m(found):
-    return float(np.hypot(*found.sigma_enu_m()[:2]))
+def horizontal_m(solution):
+    return float(np.hypot(*solution.sigma_enu_m()[:2]))
 
 
 def test_an_hour_of_ranges():
-    found = radioloc.locate(radioloc.read_study(FOLDER / "short_arc.toml"))
-    assert found.converged
-    assert horizontal_m(found) == pytest.approx(110.0, abs=3.0)
-    assert found.reference.combined_sigmas < LIKELY_SIGMAS
+    solution = radioloc.locate(radioloc.read_study(FOLDER / "short_arc.toml"))
+    assert solution.converged
+    assert horizontal_m(solution) == pytest.approx(110.0, abs=3.0)
+    assert solution.reference.combined_sigmas < LIKELY_SIGMAS
 
 
 def test_an_hour_of_ranges_with_a_map():
     pytest.importorskip("rasterio")
-    found = radioloc.locate(radioloc.read_study(FOLDER / "short_arc_dem.toml"))
-    assert found.converged
-    assert horizontal_m(found) < 50.0
-    assert found.reference.combined_sigmas < LIKELY_SIGMAS
+    solution = radioloc.locate(radioloc.read_study(FOLDER / "short_arc_dem.toml"))
+    assert solution.converged
+    assert horizontal_m(solution) < 50.0
+    assert solution.reference.combined_sigmas < LIKELY_SIGMAS
 
 
 def test_data_are_what_the_study_says(tmp_path, capsys):
     assert cli.main(["simulate", str(FOLDER / "short_arc.toml"), "--out", str(tmp_path / "new.csv")]) == 0
-    there, new = (
+    second, new = (
         radioloc.read_observations(file) for file in (FOLDER / "short_arc.csv", tmp_path / "new.csv")
     )
-    assert (there.paths() == new.paths()).all()
+    assert (second.paths() == new.paths()).all()
     # A machine whose sine rounds otherwise may move a last digit.
-    assert np.abs(there.value_m - new.value_m).max() < 1e-3
+    assert np.abs(second.value_m - new.value_m).max() < 1e-3
 
 
 def test_data_can_be_made_where_there_are_none(tmp_path, capsys):

@@ -27,11 +27,11 @@ def first_hour(model):
 def test_two_uplinks_tell_directions_twice_as_well(first_hour, model):
     """What tells a direction is the difference of two distances, which two two-way ranges hold twice."""
     ranges = Session("range", two_way("JIAMUSI", "KASHI"), START, "2020-12-01T16:11:00", 60.0, sigma_m=1.0)
-    both = Scenario(Schedule([ranges]), LANDER, Truth()).world(model).draw(NOISE, seed=1).observations
-    assert len(both) == len(first_hour)
+    joint = Scenario(Schedule([ranges]), LANDER, Truth()).world(model).draw(NOISE, seed=1).observations
+    assert len(joint) == len(first_hour)
     of_two_m, of_one_m = (
         float(np.hypot(*fit(tracked, range_bias_sigma_m=10.0).sigma_enu_m()[:2]))
-        for tracked in (both, first_hour)
+        for tracked in (joint, first_hour)
     )
     assert of_two_m == pytest.approx(110.0, abs=3.0)
     assert of_one_m == pytest.approx(2.0 * of_two_m, rel=0.05)
@@ -39,13 +39,13 @@ def test_two_uplinks_tell_directions_twice_as_well(first_hour, model):
 
 def test_free_biases_over_half_a_day_take_the_position_with_them(model):
     tracked = observations(model, 600.0, stop="2020-12-02T03:11:00", bias_m={})
-    found = fit(tracked)
-    assert found.converged
-    sigma_m = float(np.linalg.norm(found.sigma_enu_m()))
+    solution = fit(tracked)
+    assert solution.converged
+    sigma_m = float(np.linalg.norm(solution.sigma_enu_m()))
     assert sigma_m > 100.0
-    [part] = found.observability.common
+    [part] = solution.observability.common
     assert (part.kind, part.count) == ("range_bias", 3)
-    biases = found.biases()
+    biases = solution.biases()
     for _, bias_sigma_m in biases.values():
         assert bias_sigma_m > 200.0
         assert part.sigma == pytest.approx(bias_sigma_m, rel=0.02)
@@ -64,10 +64,10 @@ def test_three_baselines_and_free_biases(model):
     tracked = world(model, 60.0, stop="2020-12-02T03:11:00", bias_m={}).draw(NOISE, seed=1).observations
     paths = tracked.paths().astype(str)
     three = tracked.select((tracked.types() == "range") | np.char.startswith(paths, "SESHAN25<"))
-    found = fit(three)
-    assert np.linalg.norm(found.sigma_enu_m()) == pytest.approx(230.0, abs=5.0)
-    for _, sigma_m in found.biases().values():
+    solution = fit(three)
+    assert np.linalg.norm(solution.sigma_enu_m()) == pytest.approx(230.0, abs=5.0)
+    for _, sigma_m in solution.biases().values():
         assert sigma_m == pytest.approx(459.0, abs=10.0)
-    [part] = found.observability.common
+    [part] = solution.observability.common
     assert part.position_m == pytest.approx(part.sigma / 2.0, rel=0.01)
     assert np.linalg.norm(fit(tracked).sigma_enu_m()) == pytest.approx(161.0, abs=5.0)

@@ -45,9 +45,9 @@ def notes(folder, place, name="OURS"):
     ],
 )
 def test_exchanged_coordinates_are_recognised(tmp_path, place, mistake):
-    said = notes(tmp_path, place)
-    assert "check itrf_m of [stations.OURS]" in said
-    assert mistake in said
+    output = notes(tmp_path, place)
+    assert "check itrf_m of [stations.OURS]" in output
+    assert mistake in output
 
 
 def test_coordinates_as_they_should_be_are_not_doubted(tmp_path):

@@ -44,8 +44,8 @@ def test_tags_of_one_wavefront_share_an_epoch():
     at_station_s = rng.uniform(-0.0213, 0.0213, len(number))  # the Earth's radius
     order = rng.permutation(len(number))
     for step_s in (0.1, 1.0, 60.0):  # over the leap second too, and no edge of a clock's tick in the way
-        found = same_epoch(tags(number * step_s + at_station_s)[order])
-        np.testing.assert_array_equal(found, number[order])
+        solution = same_epoch(tags(number * step_s + at_station_s)[order])
+        np.testing.assert_array_equal(solution, number[order])
 
 
 def test_epochs_too_dense_to_tell_are_refused():
@@ -83,16 +83,16 @@ def test_ranges_share_nothing():
     expected = 25.0 * np.eye(5)
     # Errors of stations 0, 1, 2 in delays 0-1, 0-2, 1-2.
     expected[np.ix_([0, 2, 4], [0, 2, 4])] += 4.0 * np.array([[2, 1, -1], [1, 2, 1], [-1, 1, 2]])
-    found = covariance_m2(arc, extra_sigma_m=4.0, vlbi_station_sigma_m=2.0)
-    np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-10)
+    solution = covariance_m2(arc, extra_sigma_m=4.0, vlbi_station_sigma_m=2.0)
+    np.testing.assert_allclose(solution, expected, rtol=0.0, atol=1e-10)
     assert len(stated_noise(arc, ObservationChoice(extra_sigma_m=4.0)).terms) == 1
 
 
 def test_sigmas_of_vlbi_stations_by_name():
     arc = arc_of([(0, 1), (0, 2), (1, 2)], ["vlbi_delay"] * 3, [0.0, 0.01, 0.02])
     expected = 9.0 * np.eye(3) + np.array([[4, 0, -4], [0, 9, 9], [-4, 9, 13]])
-    found = covariance_m2(arc, vlbi_station_sigma_m={STATIONS[1]: 2.0, STATIONS[2]: 3.0})
-    np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-10)
+    solution = covariance_m2(arc, vlbi_station_sigma_m={STATIONS[1]: 2.0, STATIONS[2]: 3.0})
+    np.testing.assert_allclose(solution, expected, rtol=0.0, atol=1e-10)
     with pytest.raises(InputError, match=r"vlbi_station_sigma_m.*ATLANTIS"):
         covariance_m2(arc, vlbi_station_sigma_m={"ATLANTIS": 1.0})
     with pytest.raises(InputError, match=r"vlbi_station_sigma_m\.URUMQI must not be negative"):
@@ -109,10 +109,10 @@ def test_delay_rates_share_the_growth_of_their_stations_times():
     expected[0, 0] += 2 * 25.0
     expected[1:4, 1:4] += 4.0 * np.array([[2, 1, -1], [1, 2, 1], [-1, 1, 2]])
     expected[4, 4] += 2 * 4.0
-    found = covariance_m2(arc, vlbi_station_sigma_m=5.0, vlbi_station_rate_sigma_m=2.0)
-    np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-10)
-    alone = stated_noise(arc, ObservationChoice(vlbi_station_rate_sigma_m=2.0))
-    assert alone.of_type(SharedAtEpoch)[0].group.tolist()[0] == ALONE
+    solution = covariance_m2(arc, vlbi_station_sigma_m=5.0, vlbi_station_rate_sigma_m=2.0)
+    np.testing.assert_allclose(solution, expected, rtol=0.0, atol=1e-10)
+    separate = stated_noise(arc, ObservationChoice(vlbi_station_rate_sigma_m=2.0))
+    assert separate.of_type(SharedAtEpoch)[0].group.tolist()[0] == ALONE
 
 
 def test_delay_rates_know_the_rates_of_the_clocks_but_not_their_offsets(site):
@@ -125,25 +125,25 @@ def test_delay_rates_know_the_rates_of_the_clocks_but_not_their_offsets(site):
     truth = Truth(clock_s={"KUNMING": 1e-6, "URUMQI": -2e-6}, clock_rate_s_s=rates)
     model = radioloc.measurements.PhysicalModel.build()
     noise = NoiseModel({"vlbi_delay_rate": Noise(white_m=1e-4)}, vlbi_station_rate=Noise(white_m=1e-3))
-    made = Scenario(schedule, site, truth).world(model).draw(noise, seed=3)
-    assert "noise of the change of station arrivals" in made.summary()
+    scene = Scenario(schedule, site, truth).world(model).draw(noise, seed=3)
+    assert "noise of the change of station arrivals" in scene.summary()
     study = Study(
         target=site,
         observations=ObservationChoice(vlbi_station_rate_sigma_m=1e-3),
         estimate=EstimateChoice(position="none", clock_rate="all"),
         consider_defaults=False,
     )
-    found = radioloc.locate(study, made.observations)
-    assert found.converged
-    assert found.fit.chi2_per_dof == pytest.approx(1.0, abs=5.0 * math.sqrt(2.0 / found.fit.dof))
-    estimated = found.biases("clock_rate")
+    solution = radioloc.locate(study, scene.observations)
+    assert solution.converged
+    assert solution.fit.chi2_per_dof == pytest.approx(1.0, abs=5.0 * math.sqrt(2.0 / solution.fit.dof))
+    estimated = solution.biases("clock_rate")
     assert set(estimated) == set(STATIONS[1:])
     for station, (value, sigma) in estimated.items():
         assert sigma < 2e-15  # 1 mm in 600 s, 33 times
         assert abs(value - rates.get(station, 0.0)) < 4.5 * sigma
     with pytest.raises(InputError, match="nothing to estimate"):
         radioloc.locate(
-            replace(study, estimate=EstimateChoice(position="none", clock="all")), made.observations
+            replace(study, estimate=EstimateChoice(position="none", clock="all")), scene.observations
         )
 
 
@@ -153,7 +153,7 @@ def site():
 
 
 @pytest.fixture(scope="module")
-def made(site):
+def scene(site):
     """Ranges and delays of a day; the errors of the delays are those of their stations."""
     span = ("2020-12-01T15:11", "2020-12-02T15:11", 1800.0)
     schedule = Schedule(
@@ -170,7 +170,7 @@ def made(site):
     return Scenario(schedule, site).world(model).draw(noise, seed=1)
 
 
-def locate(site, made, observations=None, **choice):
+def locate(site, scene, observations=None, **choice):
     study = Study(
         target=site,
         observations=ObservationChoice(**choice),
@@ -178,29 +178,29 @@ def locate(site, made, observations=None, **choice):
         consider_defaults=False,
         model=ModelChoice(off=["troposphere"]),
     )
-    return radioloc.locate(study, made.observations if observations is None else observations)
+    return radioloc.locate(study, scene.observations if observations is None else observations)
 
 
 @pytest.mark.study
-def test_delays_of_four_stations_carry_half_of_what_they_seem_to(site, made):
-    found = locate(site, made, vlbi_station_sigma_m=STATION_M)
-    assert found.converged
-    assert set(found.fit.excess_noise_m.values()) == {0.0}
-    delays = made.observations.types() == "vlbi_delay"
+def test_delays_of_four_stations_carry_half_of_what_they_seem_to(site, scene):
+    solution = locate(site, scene, vlbi_station_sigma_m=STATION_M)
+    assert solution.converged
+    assert set(solution.fit.excess_noise_m.values()) == {0.0}
+    delays = scene.observations.types() == "vlbi_delay"
     expected_m = np.where(delays, math.hypot(OWN_M, math.sqrt(2.0) * STATION_M), RANGE_M)
-    assert found.residuals.sigma_m == pytest.approx(expected_m, rel=1e-12)
-    assert found.fit.chi2_per_dof == pytest.approx(1.0, abs=5.0 * math.sqrt(2.0 / found.fit.dof))
-    away_m = found.position_pa_m - made.target_pa_m
-    assert away_m @ np.linalg.solve(found.position_covariance("pa"), away_m) < 21.1  # 1e-4 by chance
-    assert found.provenance["vlbi_station_sigma_m"] == STATION_M
+    assert solution.residuals.sigma_m == pytest.approx(expected_m, rel=1e-12)
+    assert solution.fit.chi2_per_dof == pytest.approx(1.0, abs=5.0 * math.sqrt(2.0 / solution.fit.dof))
+    away_m = solution.position_pa_m - scene.target_pa_m
+    assert away_m @ np.linalg.solve(solution.position_covariance("pa"), away_m) < 21.1  # 1e-4 by chance
+    assert solution.provenance["vlbi_station_sigma_m"] == STATION_M
     # The same sigmas, nothing said of what is shared, which the residuals show.
-    own_m = np.where(delays, expected_m, made.observations.sigma_m)
-    shown = locate(site, made, replace(made.observations, sigma_m=own_m))
+    own_m = np.where(delays, expected_m, scene.observations.sigma_m)
+    shown = locate(site, scene, replace(scene.observations, sigma_m=own_m))
     assert shown.fit.shared_noise_m == {
         f"vlbi_delay of {name}": pytest.approx(STATION_M, rel=0.01) for name in sorted(STATIONS)
     }
     assert "common to the delays of one epoch" in " ".join(str(shown).split())
-    assert found.sigma_enu_m("formal") == pytest.approx(shown.sigma_enu_m("formal"), rel=0.01)
+    assert solution.sigma_enu_m("formal") == pytest.approx(shown.sigma_enu_m("formal"), rel=0.01)
     # Not known of, it is an additive component, a little less than that of a delay.
-    alone = locate(site, made)
-    assert alone.fit.excess_noise_m["vlbi_delay"] == pytest.approx(math.sqrt(2.0) * STATION_M, rel=0.2)
+    separate = locate(site, scene)
+    assert separate.fit.excess_noise_m["vlbi_delay"] == pytest.approx(math.sqrt(2.0) * STATION_M, rel=0.2)

@@ -54,24 +54,24 @@ def folder(tmp_path_factory):
     model = PhysicalModel.build(off=["ionosphere"])
     hours = 15.2 + np.arange(9) * 0.5
     tai = Epochs.from_jd(2459185.5, np.repeat(hours, len(PATHS)) / 24.0, "TAI")
-    which = np.tile(np.arange(len(PATHS)), len(hours))
+    link = np.tile(np.arange(len(PATHS)), len(hours))
     columns = {
         "epoch": tai_to_utc(tai),
         "links": [Link.from_path(path) for _, path in PATHS],
-        "link": which,
-        "kind": np.array([KINDS.index(kind) for kind, _ in PATHS])[which],
+        "link": link,
+        "kind": np.array([KINDS.index(kind) for kind, _ in PATHS])[link],
         "tag": TIME_TAGS.index("receive"),
-        "sigma_m": np.where(which < 2, 1.0, np.where(which < 4, 0.1, 0.003)),
+        "sigma_m": np.where(link < 2, 1.0, np.where(link < 4, 0.1, 0.003)),
         "wavelength_um": 35394.6,
     }
-    asked = Observations.from_columns(value_m=1.0, **columns)
+    requested = Observations.from_columns(value_m=1.0, **columns)
     places_m = np.array([p.to_axes("PA", model.ephemeris.constants).xyz_m for p in (LANDER, ROVER)])
     arc = prepare_predictor(
-        model, asked, [FixedPoint(one) for one in places_m], "exact", targets=("lander", "rover")
+        model, requested, [FixedPoint(item) for item in places_m], "exact", targets=("lander", "rover")
     )
-    made = Observations.from_columns(value_m=arc.at().value_m, **columns)
+    simulated = Observations.from_columns(value_m=arc.at().value_m, **columns)
     path = tmp_path_factory.mktemp("targets")
-    write_observations(path / "table.csv", made)
+    write_observations(path / "table.csv", simulated)
     return path
 
 
@@ -84,19 +84,19 @@ def study(folder, text=STUDY):
 def test_a_lander_and_its_rover(folder):
     solution = radioloc.locate(study(folder))
     assert solution.converged
-    made = solution.to_dict()
+    simulated = solution.to_dict()
     for name, truth in (("lander", LANDER), ("rover", ROVER)):
-        found = solution.of_target(name)
-        apart_m = np.linalg.norm(found.position_me_m - truth.to_axes("ME", CONSTANTS).xyz_m)
+        result = solution.of_target(name)
+        apart_m = np.linalg.norm(result.position_me_m - truth.to_axes("ME", CONSTANTS).xyz_m)
         assert apart_m < 0.01
-        assert made["targets"][name]["position"]["me"]["longitude_deg"] == pytest.approx(
-            found.selenographic[0], abs=1e-12
+        assert simulated["targets"][name]["position"]["me"]["longitude_deg"] == pytest.approx(
+            result.selenographic[0], abs=1e-12
         )
     # Across the line of sight the rover is known beside the lander far better than on the Moon.
     partials = solution.targets[1].position_partials - solution.targets[0].position_partials
-    beside = np.linalg.eigvalsh(partials @ solution.covariance @ partials.T)
+    eigenvalues = np.linalg.eigvalsh(partials @ solution.covariance @ partials.T)
     on_the_moon = np.linalg.eigvalsh(solution.of_target("rover").position_covariance("pa", "scaled"))
-    assert (beside[:2] < 0.3**2 * on_the_moon[:2]).all()
+    assert (eigenvalues[:2] < 0.3**2 * on_the_moon[:2]).all()
     assert set(solution.biases()) == {"KASHI>lander>KASHI", "JIAMUSI>lander>KASHI"}
     with pytest.raises(InputError, match="target: expected one of lander, rover"):
         solution.of_target("orbiter")
@@ -104,13 +104,13 @@ def test_a_lander_and_its_rover(folder):
 
 @pytest.mark.study
 def test_arcs_show_all_targets_each_beside_its_longest(folder, tmp_path):
-    found = radioloc.arcs(study(folder), [2.0, 4.0])
-    assert [row.name for row in found.rows] == ["lander, 4 h", "lander, 2 h", "rover, 4 h", "rover, 2 h"]
-    for row, place in zip(found.rows, (LANDER, LANDER, ROVER, ROVER), strict=True):
+    result = radioloc.arcs(study(folder), [2.0, 4.0])
+    assert [row.name for row in result.rows] == ["lander, 4 h", "lander, 2 h", "rover, 4 h", "rover, 2 h"]
+    for row, place in zip(result.rows, (LANDER, LANDER, ROVER, ROVER), strict=True):
         assert -row.longitude_west_deg == pytest.approx(place.selenographic[0], abs=1e-3)
         assert (row.west_m is None) == ("4 h" in row.name)
         assert row.west_m is None or abs(row.west_m) < 1.0  # not the 100 m from the lander to the rover
-    names = {path.name for path in radioloc.write_report(tmp_path, found, html=True)}
+    names = {path.name for path in radioloc.write_report(tmp_path, result, html=True)}
     assert {"arcs.png", "arcs_2.png", "table1.csv"} <= names
     assert "rover, 2 h" in (tmp_path / "table1.csv").read_text()
 
@@ -132,7 +132,7 @@ def test_solutions_of_several_targets_are_compared_by_the_one_that_is_named(fold
         [row] = json.loads(capsys.readouterr().out)["positions"]
         assert row["latitude_deg"] == pytest.approx(place.selenographic[1], abs=1e-5)
     of_rover = json.loads(path.read_text())["targets"]["rover"]
-    [estimate] = [one.of_target("rover").estimate for one in read_solutions(path)[0]]
+    [estimate] = [item.of_target("rover").estimate for item in read_solutions(path)[0]]
     assert estimate.priors_enu_m.keys() == {
         "range_bias.KASHI>lander>KASHI",
         "range_bias.JIAMUSI>lander>KASHI",
@@ -142,14 +142,14 @@ def test_solutions_of_several_targets_are_compared_by_the_one_that_is_named(fold
 
 def test_several_targets_come_home_from_afar_by_a_search(folder):
     """The rover is only observed beside the lander, whose position takes it along."""
-    far = STUDY.replace("longitude_deg = -51.9", "longitude_deg = 8.9").replace("43.05", "-7.05")
-    result = search(study(folder, far))
-    assert [one.target for one in result.apriori_positions] == ["lander", "rover"]
+    distant = STUDY.replace("longitude_deg = -51.9", "longitude_deg = 8.9").replace("43.05", "-7.05")
+    result = search(study(folder, distant))
+    assert [item.target for item in result.apriori_positions] == ["lander", "rover"]
     solution = radioloc.locate(result.write(folder / "completed.toml"))
     assert solution.converged
     for name, truth in (("lander", LANDER), ("rover", ROVER)):
-        found = solution.of_target(name).position_me_m
-        assert np.linalg.norm(found - truth.to_axes("ME", CONSTANTS).xyz_m) < 0.01
+        position_m = solution.of_target(name).position_me_m
+        assert np.linalg.norm(position_m - truth.to_axes("ME", CONSTANTS).xyz_m) < 0.01
     assert search(study(folder)).apriori_positions == ()
 
 
@@ -175,12 +175,12 @@ def test_considered_parameters_are_in_the_total_sigma(folder):
     np.testing.assert_allclose(solution.values[:6], plain.values[:6], atol=1e-3)
     assert (solution.sigma_enu_m("total") > solution.sigma_enu_m("scaled")).all()
     np.testing.assert_allclose(solution.sigma_enu_m("scaled"), plain.sigma_enu_m("scaled"), rtol=1e-6)
-    made = solution.to_dict()
-    for k, record in enumerate(made["parameters"]):
+    simulated = solution.to_dict()
+    for k, record in enumerate(simulated["parameters"]):
         assert record["total_sigma"] == solution.sigmas("total")[k] >= record["sigma"]
-    names = [record["name"] for record in made["considered"]]
+    names = [record["name"] for record in simulated["considered"]]
     assert {"clock.URUMQI", "ut1", "station_position.KASHI.up"} <= set(names)
-    sizes = [np.linalg.norm(record["position_enu_m"]) for record in made["considered"]]
+    sizes = [np.linalg.norm(record["position_enu_m"]) for record in simulated["considered"]]
     assert sizes == sorted(sizes, reverse=True)
     # The whole: what is added to the covariance is the sum over the considered parameters.
     added = solution.position_covariance("enu", "total") - solution.position_covariance("enu", "scaled")
@@ -189,11 +189,13 @@ def test_considered_parameters_are_in_the_total_sigma(folder):
 
 def test_a_clock_that_is_wrong_by_its_sigma_moves_the_estimate_as_considered(folder):
     text = STUDY + SUBOPTIMAL + 'clock = ["URUMQI"]\nclock_sigma_s = 1e-9\n'
-    before = radioloc.locate(study(folder, text))
+    earlier = radioloc.locate(study(folder, text))
     wrong = STUDY.replace("[estimate]", "[estimate]\nclock_s = { URUMQI = -1e-9 }")
-    after = radioloc.locate(study(folder, wrong + "[consider]\ndefaults = false\n"))
-    [moved] = (np.array(one["position_enu_m"]) for one in before.consider.to_list(before.enu_by_parameters))
-    shift_m = before.rot_pa_to_enu @ (after.position_pa_m - before.position_pa_m)
+    later = radioloc.locate(study(folder, wrong + "[consider]\ndefaults = false\n"))
+    [moved] = (
+        np.array(item["position_enu_m"]) for item in earlier.consider.to_list(earlier.enu_by_parameters)
+    )
+    shift_m = earlier.rot_pa_to_enu @ (later.position_pa_m - earlier.position_pa_m)
     np.testing.assert_allclose(shift_m, moved, atol=1e-4 + 1e-3 * np.abs(moved).max())
 
 

@@ -17,7 +17,7 @@ SAME_POINT_M = 1e-3
 """A whole round trip through the file: its ranges carry every bit."""
 
 
-def made(kind, ends):
+def simulated_ranges(kind, ends):
     """A point on the Moon and what is measured of it on the hour for ten days: observations of one type."""
     model = radioloc.measurements.PhysicalModel.build()
     point = radioloc.LunarPosition.from_selenographic(-51.9162, 43.0584, -2550.4)
@@ -25,27 +25,27 @@ def made(kind, ends):
     links = [radioloc.measurements.Link(a, "lander", b) for a, b in ends]
     epoch = tai_to_utc(epochs_tai(240, 12.0, 2459185.5))
     link = np.arange(240) % len(links)
-    given = {"links": links, "kind": KINDS.index(kind), "tag": 1, "sigma_m": 1.0}
+    changes = {"links": links, "kind": KINDS.index(kind), "tag": 1, "sigma_m": 1.0}
     empty = radioloc.Observations.from_columns(
-        epoch=epoch, link=link, value_m=1.0, wavelength_um=35000.0, **given
+        epoch=epoch, link=link, value_m=1.0, wavelength_um=35000.0, **changes
     )
     arc = radioloc.measurements.ExactPredictor(model, empty, FixedPoint(point.xyz_m))
     computed = arc.compute()
-    seen = computed.usable
+    visible = computed.usable
     observations = radioloc.Observations.from_columns(
-        epoch=epoch[seen], link=link[seen], value_m=computed.value_m[seen], **given
+        epoch=epoch[visible], link=link[visible], value_m=computed.value_m[visible], **changes
     )
     return point, observations
 
 
 @pytest.fixture(scope="module")
 def truth():
-    return made("range", [(a, b) for a in ("KASHI", "JIAMUSI") for b in ("KASHI", "JIAMUSI")])
+    return simulated_ranges("range", [(a, b) for a in ("KASHI", "JIAMUSI") for b in ("KASHI", "JIAMUSI")])
 
 
 @pytest.fixture(scope="module")
 def one_way_truth():
-    return made("one_way_range", [("", "KASHI"), ("", "JIAMUSI")])
+    return simulated_ranges("one_way_range", [("", "KASHI"), ("", "JIAMUSI")])
 
 
 def study_of(folder, **keys):
@@ -58,9 +58,9 @@ def study_of(folder, **keys):
 def test_ranges_of_a_message_locate_the_lander(truth, tmp_path):
     point, observations = truth
     write_tdm(tmp_path / "data.kvn", observations, originator="TEST")
-    found = radioloc.locate(study_of(tmp_path, sigma_m="{ range = 1.0 }"))
-    assert found.converged
-    assert np.linalg.norm(found.position_pa_m - point.xyz_m) < SAME_POINT_M
+    solution = radioloc.locate(study_of(tmp_path, sigma_m="{ range = 1.0 }"))
+    assert solution.converged
+    assert np.linalg.norm(solution.position_pa_m - point.xyz_m) < SAME_POINT_M
 
 
 def test_half_ranges_are_recognized_and_read_when_said(truth, tmp_path):
@@ -68,16 +68,16 @@ def test_half_ranges_are_recognized_and_read_when_said(truth, tmp_path):
     write_tdm(tmp_path / "whole.kvn", observations, originator="TEST")
     halved = []
     for line in (tmp_path / "whole.kvn").read_text().splitlines():
-        key, _, rest = line.partition(" = ")
+        key, _, text = line.partition(" = ")
         if key.strip() == "RANGE":
-            date, value = rest.split()
+            date, value = text.split()
             line = f"RANGE = {date} {float(value) / 2!r}"
         halved.append(line)
     (tmp_path / "data.kvn").write_text("\n".join(halved) + "\n")
     with pytest.raises(InputError, match='tdm_range = "half"'):
         radioloc.locate(study_of(tmp_path, sigma_m="{ range = 1.0 }"))
-    found = radioloc.locate(study_of(tmp_path, sigma_m="{ range = 1.0 }", tdm_range='"half"'))
-    assert np.linalg.norm(found.position_pa_m - point.xyz_m) < SAME_POINT_M
+    solution = radioloc.locate(study_of(tmp_path, sigma_m="{ range = 1.0 }", tdm_range='"half"'))
+    assert np.linalg.norm(solution.position_pa_m - point.xyz_m) < SAME_POINT_M
 
 
 def write_ambiguous(folder, observations):
@@ -85,11 +85,11 @@ def write_ambiguous(folder, observations):
     write_tdm(folder / "whole.kvn", observations, originator="TEST")
     folded = []
     for line in (folder / "whole.kvn").read_text().splitlines():
-        key, _, rest = line.partition(" = ")
+        key, _, text = line.partition(" = ")
         if key.strip() == "RANGE_MODULUS":
             line = f"RANGE_MODULUS = {modulus_s * C_M_S / 1e3!r}"
         if key.strip() == "RANGE":
-            date, value = rest.split()
+            date, value = text.split()
             line = f"RANGE = {date} {float(value) % (modulus_s * C_M_S / 1e3)!r}"
         folded.append(line)
     (folder / "data.kvn").write_text("\n".join(folded) + "\n")
@@ -101,9 +101,9 @@ def test_an_ambiguous_range_is_resolved_by_the_a_priori_position(kind, of, tmp_p
     write_ambiguous(tmp_path, observations)
     ambiguous = radioloc.compute_residuals(study_of(tmp_path, sigma_m=f"{{ {kind} = 1.0 }}"))
     write_tdm(tmp_path / "data.kvn", observations, originator="TEST")
-    whole = radioloc.compute_residuals(study_of(tmp_path, sigma_m=f"{{ {kind} = 1.0 }}"))
-    assert np.abs(whole.residuals.residual_m).max() > 100.0  # of an a-priori position that is some way off
-    assert np.abs(ambiguous.residuals.residual_m - whole.residuals.residual_m).max() < SAME_POINT_M
+    complete = radioloc.compute_residuals(study_of(tmp_path, sigma_m=f"{{ {kind} = 1.0 }}"))
+    assert np.abs(complete.residuals.residual_m).max() > 100.0  # of an a-priori position that is some way off
+    assert np.abs(ambiguous.residuals.residual_m - complete.residuals.residual_m).max() < SAME_POINT_M
 
 
 def test_without_a_sigma_nothing_is_guessed(truth, tmp_path):
@@ -114,15 +114,15 @@ def test_without_a_sigma_nothing_is_guessed(truth, tmp_path):
 
 def test_what_a_message_leaves_open_is_said_in_the_study(truth, tmp_path):
     write_tdm(tmp_path / "data.kvn", truth[1], originator="TEST")
-    said = study_of(
+    output = study_of(
         tmp_path,
         tdm_turnaround="[880, 749]",
         tdm_delays_removed="true",
         tdm_apply_clocks="false",
         tdm_range_unit_s="1e-9",
     ).observations.tdm
-    assert (said.turnaround, said.delays_removed, said.apply_clocks) == ((880, 749), True, False)
-    assert said.range_unit_s == 1e-9
+    assert (output.turnaround, output.delays_removed, output.apply_clocks) == ((880, 749), True, False)
+    assert output.range_unit_s == 1e-9
 
 
 def test_delays_count_once_whoever_gives_them(truth, tmp_path):
@@ -158,8 +158,8 @@ def test_delays_count_once_whoever_gives_them(truth, tmp_path):
         study_of(tmp_path, sigma_m="{ range = 1.0 }")
         with (tmp_path / "study.toml").open("a") as file:
             file.write(f"[model]\n{model}")
-        found = radioloc.compute_residuals(radioloc.read_study(tmp_path / "study.toml"))
-        residual_m[name] = found.residuals.residual_m
+        solution = radioloc.compute_residuals(radioloc.read_study(tmp_path / "study.toml"))
+        residual_m[name] = solution.residuals.residual_m
     # A hold that is taken off is the light's path meanwhile, without the 0.5 km/s at which the legs close.
     assert np.abs(residual_m["the model"] - residual_m["the reader"]).max() < 1.2e-6 * 800.0
     assert np.abs(residual_m["either"] - residual_m["the reader"]).max() < 2e-5

@@ -37,16 +37,16 @@ def test_an_hour_of_ranges_with_a_map(model, terrain, tmp_path):
     )
     # The start is 10 km off, where the map is otherwise high.
     study = Study(target=NEAR, estimate=choice, reference=Reference(LANDER, "truth"), consider_defaults=False)
-    found = radioloc.locate(study, tracked)
-    assert found.converged
-    assert found.reference.combined_sigmas < 5.1  # 1e-5 of chance in three coordinates
-    assert np.hypot(*found.sigma_enu_m()[:2]) < 100.0
-    above_m, sigma_m = (column["position.height_above_terrain"] for column in values_and_sigmas(found))
+    solution = radioloc.locate(study, tracked)
+    assert solution.converged
+    assert solution.reference.combined_sigmas < 5.1  # 1e-5 of chance in three coordinates
+    assert np.hypot(*solution.sigma_enu_m()[:2]) < 100.0
+    above_m, sigma_m = (column["position.height_above_terrain"] for column in values_and_sigmas(solution))
     assert abs(above_m) < 4.4 * sigma_m
-    longitude_deg, latitude_deg, height_m = found.selenographic
+    longitude_deg, latitude_deg, height_m = solution.selenographic
     map_m = float(terrain.height_m(np.radians(longitude_deg), np.radians(latitude_deg)))
     assert height_m == pytest.approx(map_m + above_m, abs=1e-3)
-    write_report(tmp_path, found)
+    write_report(tmp_path, solution)
     prior = json.loads((tmp_path / "solution.json").read_text())["provenance"]["estimate"]["height_prior"]
     [file] = terrain.metadata.files
     assert prior == {
@@ -56,9 +56,9 @@ def test_an_hour_of_ranges_with_a_map(model, terrain, tmp_path):
     }
 
 
-def values_and_sigmas(found):
-    names = found.parameters.names
-    return dict(zip(names, found.values, strict=True)), dict(zip(names, found.sigmas(), strict=True))
+def values_and_sigmas(solution):
+    names = solution.parameters.names
+    return dict(zip(names, solution.values, strict=True)), dict(zip(names, solution.sigmas(), strict=True))
 
 
 @pytest.mark.study

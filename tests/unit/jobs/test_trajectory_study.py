@@ -46,11 +46,11 @@ def folder(tmp_path_factory):
 
 
 def study_file(
-    folder, target='trajectory = "orbiter.bsp"\nbody = -85', estimate='position = "none"', more=""
+    folder, target='trajectory = "orbiter.bsp"\nbody = -85', estimate='position = "none"', extra=""
 ):
     path = folder / "orbiter.toml"
     path.write_text(
-        f'[target]\n{target}\n[observations]\nfiles = ["ranges.csv"]\n[estimate]\n{estimate}\n{more}\n'
+        f'[target]\n{target}\n[observations]\nfiles = ["ranges.csv"]\n[estimate]\n{estimate}\n{extra}\n'
     )
     return path
 
@@ -100,7 +100,7 @@ def test_a_bias_is_found_along_a_trajectory(folder):
 
 
 @pytest.mark.parametrize(
-    ("target", "estimate", "more", "message"),
+    ("target", "estimate", "extra", "message"),
     [
         ('trajectory = "orbiter.bsp"', 'position = "none"', "", r"\[target\] body: is missing"),
         ("body = -85", 'position = "none"', "", r"\[target\] trajectory: is missing"),
@@ -118,9 +118,9 @@ def test_a_bias_is_found_along_a_trajectory(folder):
         ),
     ],
 )
-def test_what_does_not_go_with_a_trajectory(folder, target, estimate, more, message):
+def test_what_does_not_go_with_a_trajectory(folder, target, estimate, extra, message):
     with pytest.raises(InputError, match=message) as caught:
-        radioloc.read_study(study_file(folder, target, estimate, more))
+        radioloc.read_study(study_file(folder, target, estimate, extra))
     assert "\n" not in str(caught.value)
 
 
@@ -141,10 +141,10 @@ def test_a_spacecraft_on_its_way_has_ranges_of_its_own(tmp_path, form):
     plan = tracking("KASHI>cruise>KASHI", epochs_tai(200, 30.0))
     arc = radioloc.measurements.ExactPredictor(model, plan, radioloc.ephemeris.Trajectory.open(file, ORBITER))
     computed = arc.compute()
-    seen = np.flatnonzero(computed.usable)
+    visible = np.flatnonzero(computed.usable)
     observed = Observations.from_columns(
         epoch=plan.epoch, links=plan.links, value_m=computed.value_m, sigma_m=SIGMA_M, tag=plan.tag
-    ).select(seen)
+    ).select(visible)
     if form == "table":
         write_table(tmp_path / "ranges.dat", observed)
     else:

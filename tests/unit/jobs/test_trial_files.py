@@ -34,11 +34,11 @@ def test_damaged_trials(files, tmp_path):
     for k in range(0, len(sound), 5):
         path.write_bytes(sound[:k] + bytes([sound[k] ^ 0x55]) + sound[k + 1 :])
         try:
-            found = files.completed("linear")
+            solution = files.completed("linear")
         except InputError:
             continue
         # What only describes the file may change; numbers have a checksum.
-        assert all(np.array_equal(rows, values[0], equal_nan=True) for rows in found.values())
+        assert all(np.array_equal(rows, values[0], equal_nan=True) for rows in solution.values())
 
 
 @pytest.mark.parametrize(

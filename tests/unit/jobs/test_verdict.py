@@ -33,9 +33,9 @@ def study(target=change5_case.NEAR, hours=None, stations=None, consider_defaults
     )
 
 
-def exchanged(observations, one, other):
+def exchanged(observations, item, second):
     """The same values with the names of two stations exchanged."""
-    name = {one: other, other: one}
+    name = {item: second, second: item}
     links = tuple(
         Link(
             name.get(x.transmitter, x.transmitter), x.target, name.get(x.receiver, x.receiver), x.differenced
@@ -135,10 +135,10 @@ def test_trials_are_judged_as_solutions_are():
     ranges = change5_case.sessions(1200.0, "2020-12-02T03:11:00", vlbi=())
     noise = NoiseModel({"range": Noise(white_m=50.0)})
     simulated = replace(study(), simulation=Scenario(Schedule(ranges), change5_case.LANDER, noise=noise))
-    found = radioloc.monte_carlo(simulated, trials=3, hours=12.0)
-    assert found.linear
-    assert found.linearity.passed
-    assert not found["converged"].any()
+    result = radioloc.monte_carlo(simulated, trials=3, hours=12.0)
+    assert result.linear
+    assert result.linearity.passed
+    assert not result["converged"].any()
 
 
 @pytest.mark.study
@@ -153,9 +153,10 @@ def test_a_split_of_two_links_of_a_station_is_told(tracking):
     ranges = tracking.kind == list(MEASUREMENTS).index("range")
     off = replace(tracking, value_m=tracking.value_m + 5.0 * (three_way & ranges))
     biased = study(range_bias="all", consider_defaults=False)
-    said = " ".join(str(radioloc.locate(biased, off)).split())
+    output = " ".join(str(radioloc.locate(biased, off)).split())
     assert re.search(
-        r'ranges of KASHI, .* disagree by \d+\.\d sigmas: \[estimate\] clock = "all" or range_bias_per', said
+        r'ranges of KASHI, .* disagree by \d+\.\d sigmas: \[estimate\] clock = "all" or range_bias_per',
+        output,
     )
     for absorbed in ({"range_bias_per": "link"}, {"clock": "all"}):
         assert "disagree by" not in str(radioloc.locate(study(range_bias="all", **absorbed), off))

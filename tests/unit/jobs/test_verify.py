@@ -32,7 +32,7 @@ range_bias_sigma_m = 0.1
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory):
+def example(tmp_path_factory):
     """A study with its data, and its solution."""
     folder = tmp_path_factory.mktemp("made")
     shutil.copy(EXAMPLE / DATA, folder)
@@ -43,27 +43,27 @@ def made(tmp_path_factory):
 
 
 @pytest.fixture
-def copy(made, tmp_path):
+def copy(example, tmp_path):
     """The same in another folder, whose solution names the study there."""
-    shutil.copytree(made, tmp_path / "copy")
+    shutil.copytree(example, tmp_path / "copy")
     folder = tmp_path / "copy"
     change(folder, lambda content: content["provenance"]["study"].update(file=str(folder / "s.toml")))
     return folder
 
 
-def change(folder, how):
+def change(folder, edit):
     file = folder / "out" / "solution.json"
     content = json.loads(file.read_text())
-    how(content)
+    edit(content)
     file.write_text(json.dumps(content))
 
 
 @pytest.mark.study
-def test_the_same(made, capsys):
-    assert main(["verify", str(made / "out" / "solution.json")]) == 0
-    told = capsys.readouterr()
-    assert "SAME in all of " in told.out
-    assert told.err == ""
+def test_the_same(example, capsys):
+    assert main(["verify", str(example / "out" / "solution.json")]) == 0
+    output = capsys.readouterr()
+    assert "SAME in all of " in output.out
+    assert output.err == ""
 
 
 @pytest.mark.slow
@@ -84,7 +84,7 @@ def test_residuals_and_arcs_are_verified_as_such(copy, capsys):
 
 
 @pytest.mark.parametrize(
-    ("how", "names"),
+    ("edit", "names"),
     [
         (lambda c: c["position"]["pa"].update(y_m=c["position"]["pa"]["y_m"] + 1e-3), ["position.pa.y_m"]),
         (
@@ -99,17 +99,17 @@ def test_residuals_and_arcs_are_verified_as_such(copy, capsys):
         (lambda c: c["position"]["pa"].update(y_m=c["position"]["pa"]["y_m"] + 2e-5), []),
     ],
 )
-def test_what_differs_is_named(how, names, copy, monkeypatch, again):
-    change(copy, how)
-    found = verify(copy / "out" / "solution.json")
-    assert [item.name for item in found.differences] == names
-    assert found.same == (not names)
+def test_what_differs_is_named(edit, names, copy, monkeypatch, repeat):
+    change(copy, edit)
+    solution = verify(copy / "out" / "solution.json")
+    assert [item.name for item in solution.differences] == names
+    assert solution.same == (not names)
 
 
 @pytest.fixture(scope="module")
-def again(made):
+def repeat(example):
     """The fit once for all cases: what is compared is changed in the file only."""
-    solution = radioloc.locate(radioloc.read_study(made / "s.toml"))
+    solution = radioloc.locate(radioloc.read_study(example / "s.toml"))
     patch = pytest.MonkeyPatch()
     patch.setattr("radioloc.jobs.verification.prepared_arc", lambda study: (None, {}))
     patch.setattr("radioloc.jobs.verification.fit_arc", lambda *_: solution)
@@ -124,7 +124,7 @@ def altered(file, content=None):
 
 
 @pytest.mark.parametrize(
-    ("how", "words"),
+    ("edit", "words"),
     [
         (altered(DATA), f"cannot be repeated from .*s.toml: {DATA} has another content"),
         (lambda folder: (folder / DATA).rename(folder / "apollo15.csv"), f"{DATA} is missing, apollo15.csv is new"),
@@ -135,8 +135,8 @@ def altered(file, content=None):
         (altered("out/INCOMPLETE", "x"), "not written completely"),
     ],
 )  # fmt: skip
-def test_what_cannot_be_made_again_says_why(how, words, copy, capsys):
-    how(copy)
+def test_what_cannot_be_made_again_says_why(edit, words, copy, capsys):
+    edit(copy)
     file = copy / "out" / "solution.json"
     with pytest.raises(InputError, match=words):
         verify(file)
@@ -144,7 +144,7 @@ def test_what_cannot_be_made_again_says_why(how, words, copy, capsys):
     assert capsys.readouterr().err.count("\n") == 1
 
 
-def test_a_study_that_has_moved(copy, again):
+def test_a_study_that_has_moved(copy, repeat):
     moved = (copy / "s.toml").rename(copy / "t.toml")
     assert verify(copy / "out" / "solution.json", moved).same
 
@@ -153,12 +153,12 @@ def test_a_study_that_has_moved(copy, again):
 @pytest.mark.usefixtures("undrawn")
 def test_what_was_changed_in_python_is_not_taken_for_the_file(copy):
     study = radioloc.read_study(copy / "s.toml")
-    other = replace(study, estimate=replace(study.estimate, rejection_sigma=4.0))
-    radioloc.write_report(copy / "out", radioloc.locate(other))
+    second = replace(study, estimate=replace(study.estimate, rejection_sigma=4.0))
+    radioloc.write_report(copy / "out", radioloc.locate(second))
     with pytest.raises(InputError, match=r"its settings differ \(estimate\)"):
         verify(copy / "out" / "solution.json")
-    given = radioloc.read_observations(copy / DATA).select(range(100))
-    solution = radioloc.compute_residuals(study, replace(given, files=("other.csv",)))
+    changes = radioloc.read_observations(copy / DATA).select(range(100))
+    solution = radioloc.compute_residuals(study, replace(changes, files=("other.csv",)))
     assert solution.provenance["study"] is None
 
 

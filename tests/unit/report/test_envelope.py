@@ -51,9 +51,11 @@ def test_bars_reach_from_the_lowest_to_the_highest_of_each_span():
     span = bin_of(dates, limits)
     assert len(reach) == len(np.unique(span)) < BINS
     for bar, dark, number in zip(reach, spread, np.unique(span), strict=True):
-        mine = values[span == number]
-        assert (bar[0, 1], bar[1, 1]) == (mine.min(), mine.max())
-        assert dark[:2, 1] == pytest.approx([mine.mean() - mine.std(), mine.mean() + mine.std()], abs=1e-9)
+        values_m = values[span == number]
+        assert (bar[0, 1], bar[1, 1]) == (values_m.min(), values_m.max())
+        assert dark[:2, 1] == pytest.approx(
+            [values_m.mean() - values_m.std(), values_m.mean() + values_m.std()], abs=1e-9
+        )
     assert (reach[:, 0, 1].min(), reach[:, 1, 1].max()) == (-40.0, 50.0)
 
 
@@ -69,5 +71,5 @@ def test_thousands_rejected_are_all_drawn(plot):
 
 
 def test_one_instant_is_one_span():
-    same = np.full(6000, np.datetime64("2020-12-01", "ms"))
-    assert set(bin_of(same, (same[0], same[0]))) == {0}
+    instants = np.full(6000, np.datetime64("2020-12-01", "ms"))
+    assert set(bin_of(instants, (instants[0], instants[0]))) == {0}

@@ -33,9 +33,9 @@ from radioloc.results.subsets import Arc, ArcStudy, LeaveOneOut, Omission
 def solution():
     model = ToyMoon(90, 72.0)
     paths = [f"{name}>lander>{name}" for name in model.station]
-    found = toy_solution(model, path=paths, reference_pa_m=LANDER_M, reference_name="truth")
-    rows = replace(found.residuals, elevation_deg=np.linspace(12.0, 78.0, 90))
-    return replace(found, name="toy", residuals=rows, provenance={"kernel": {"name": "none"}})
+    toy = toy_solution(model, path=paths, reference_pa_m=LANDER_M, reference_name="truth")
+    rows = replace(toy.residuals, elevation_deg=np.linspace(12.0, 78.0, 90))
+    return replace(toy, name="toy", residuals=rows, provenance={"kernel": {"name": "none"}})
 
 
 def trials():
@@ -56,15 +56,15 @@ def plan():
     return CovarianceStudy("toy", tuple(arcs), contributions, (Improvement("clock A known", 2.0),), 1.0)
 
 
-def without():
-    one = Omission(
+def omissions():
+    omission = Omission(
         *("station", "A", 30, 60, True),
         radius_95_m=5.0,
         shift_enu_m=(1.0, -2.0, 0.5),
         sigma_enu_m=(1.0, 1.0, 1.0),
         sigmas=2.3,
     )
-    return LeaveOneOut(solution(), (one, Omission("station", "B", 30, 60, False)))
+    return LeaveOneOut(solution(), (omission, Omission("station", "B", 30, 60, False)))
 
 
 def point():
@@ -73,7 +73,7 @@ def point():
     return PointSolution("toy", "image_point", "", place, sources, (), {"pixel": [1, 2]}, 1)
 
 
-MADE = {
+MAKERS = {
     "solution": (solution, {"solution.json", "residuals.csv"}),
     "arcs": (
         lambda: ArcStudy("toy", (Arc(72.0, 72.0, solution()), Arc(24.0, 24.0, solution()))),
@@ -92,7 +92,7 @@ MADE = {
     ),
     "monte_carlo": (trials, {"montecarlo.json", "trials.csv"}),
     "covariance": (plan, {"covariance.json", "covariance.csv"}),
-    "leave_one_out": (without, {"leave_one_out.json", "leave_one_out.csv"}),
+    "leave_one_out": (omissions, {"leave_one_out.json", "leave_one_out.csv"}),
     "image_point": (point, {"solution.json"}),
     "images": (
         lambda: locate_images(read_image_study(EXAMPLES / "images" / "descent.toml")),
@@ -113,7 +113,7 @@ FIGURES_OF = {
 
 
 def test_every_type_is_here_and_its_figures_are_declared():
-    assert set(RESULTS) == set(MADE)
+    assert set(RESULTS) == set(MAKERS)
     for declared in RESULTS.values():
         assert set(declared.figures) <= set(FIGURES)
     with pytest.raises(InputError, match=r"expected a result .*got a dict"):
@@ -121,9 +121,9 @@ def test_every_type_is_here_and_its_figures_are_declared():
 
 
 @pytest.mark.study
-@pytest.mark.parametrize("name", [*MADE])
+@pytest.mark.parametrize("name", [*MAKERS])
 def test_a_folder_has_all_files_and_figures_and_the_page(name, tmp_path):
-    make, files = MADE[name]
+    make, files = MAKERS[name]
     result = make()
     assert result_type(result).name == name
     written = radioloc.write_report(tmp_path / "new" / "out", result, html=True)
@@ -162,22 +162,22 @@ def names_in(content):
             yield from names_in(item) if not isinstance(item, str) else ()
 
 
-@pytest.mark.parametrize("name", [*MADE])
+@pytest.mark.parametrize("name", [*MAKERS])
 def test_every_key_and_column_is_on_the_page_of_output_files(name):
     text = (ROOT / "docs" / "reference" / "output-files.md").read_text(encoding="utf-8")
     quoted = re.findall(r"`([^`\n]+)`", re.sub(r"^```.*?^```$", "", text, flags=re.MULTILINE | re.DOTALL))
     documented = {word for item in quoted for word in re.split(r"[.\s]+", item)}
     files = {
-        file: content for file, content in MADE[name][0]().files().items() if file.endswith(("json", "csv"))
+        file: content for file, content in MAKERS[name][0]().files().items() if file.endswith(("json", "csv"))
     }
     names = {item for content in files.values() for item in names_in(content)}
     of_data = {"kernel", "pixel", "clock_m"}
     assert {item for item in names if re.fullmatch("[a-z][a-z0-9_]*", item)} - of_data <= documented
 
 
-@pytest.mark.parametrize("name", [name for name in MADE if name != "images"])
+@pytest.mark.parametrize("name", [name for name in MAKERS if name != "images"])
 def test_card_and_page_and_notebook_have_the_same_fields(name, tmp_path, monkeypatch):
-    result = MADE[name][0]()
+    result = MAKERS[name][0]()
     text = str(result)
     assert max(map(len, text.splitlines())) <= 80
     assert "-0.0 " not in text
@@ -194,17 +194,17 @@ def test_card_and_page_and_notebook_have_the_same_fields(name, tmp_path, monkeyp
             assert field.label in words
             for line in (*field.lines, *(cell for row in field.rows for cell in row)):
                 assert " ".join(line.split()) in words
-    classes = [one["class"] for one in page.all("div") if "status" in one.get("class", "")]
+    classes = [element["class"] for element in page.all("div") if "status" in element.get("class", "")]
     assert classes[:1] in ([], [f"status {'good' if result.is_usable else 'failed'}"])
     assert bool([*result.failures()]) is not result.is_usable
 
 
 def test_a_figure_is_drawn_by_its_name_in_axes_given():
     figure = Figure(figsize=(9.0, 5.0), layout="constrained")
-    left, right = figure.subplots(1, 2)
-    assert radioloc.report.plot(solution(), "position", ax=left) is figure
+    first, right = figure.subplots(1, 2)
+    assert radioloc.report.plot(solution(), "position", ax=first) is figure
     assert radioloc.report.plot(solution(), "distribution", ax=right) is figure
-    assert len(left.patches) == 2
+    assert len(first.patches) == 2
     for name, words in (("trials", "expected one of residuals, position"), ("terms", "nothing to draw")):
         with pytest.raises(InputError, match=words):
             radioloc.report.plot(solution(), name)

@@ -33,20 +33,20 @@ def panels_of(figure):
 
 def test_residuals_drawn_are_those_of_the_solution(solution):
     (line,) = panels_of(plot_residuals(solution))[2].containers[0].lines[:1]
-    mine = (solution.residuals.station == "C") & solution.residuals.used
-    np.testing.assert_allclose(line.get_ydata(), solution.residuals.residual_m[mine])
+    shown = (solution.residuals.station == "C") & solution.residuals.used
+    np.testing.assert_allclose(line.get_ydata(), solution.residuals.residual_m[shown])
     dates = line.get_xdata().astype("datetime64[ms]")
     assert str(dates[0])[:10] == "2013-12-24"
-    epochs = solution.residuals.epoch_utc[mine]
+    epochs = solution.residuals.epoch_utc[shown]
     since_first_s = 86400.0 * ((epochs.jd - epochs.jd[0]) + (epochs.fraction - epochs.fraction[0]))
     np.testing.assert_allclose((dates - dates[0]).astype(float) / 1e3, since_first_s, atol=1.1e-3)
 
 
 def test_one_observation_is_enough():
-    alone = toy_solution(ToyMoon(1, 1.0, ("A",), biases=False))
-    (axes,) = panels_of(plot_residuals(alone))
+    single = toy_solution(ToyMoon(1, 1.0, ("A",), biases=False))
+    (axes,) = panels_of(plot_residuals(single))
     (line,) = axes.containers[0].lines[:1]
-    assert len(line.get_ydata()) == len(alone.residuals) == 1
+    assert len(line.get_ydata()) == len(single.residuals) == 1
 
 
 def test_position_ellipse_is_that_of_the_solution(solution):
@@ -107,13 +107,13 @@ def test_matplotlib_is_imported_only_when_used_and_pyplot_never():
 
 
 def test_all_references_are_drawn_about_the_first(solution):
-    others = [LANDER_M + np.array([0.0, 20.0, 0.0]), LANDER_M + np.array([0.0, 0.0, -9.0])]
-    known = tuple(compare_with(solution, at_m, name) for at_m, name in zip(others, "ab", strict=True))
-    axes = plot_position(replace(solution, references=known)).axes[0]
+    places_m = [LANDER_M + np.array([0.0, 20.0, 0.0]), LANDER_M + np.array([0.0, 0.0, -9.0])]
+    references = tuple(compare_with(solution, at_m, name) for at_m, name in zip(places_m, "ab", strict=True))
+    axes = plot_position(replace(solution, references=references)).axes[0]
     drawn = {line.get_label(): line.get_xydata()[0] for line in axes.lines}
     assert list(drawn) == ["estimate", "truth", "a", "b"]
     axes_at_estimate = solution.position_pa_m, solution.rot_pa_to_enu
-    from_estimate_m = [local_difference(at_m, *axes_at_estimate).enu_m[:2] for at_m in (LANDER_M, *others)]
+    from_estimate_m = [local_difference(at_m, *axes_at_estimate).enu_m[:2] for at_m in (LANDER_M, *places_m)]
     for name, along_m in zip(("truth", "a", "b"), from_estimate_m, strict=True):
         np.testing.assert_allclose(drawn[name], along_m - from_estimate_m[0], atol=1e-9)
         assert axes.viewLim.contains(*drawn[name])
@@ -127,20 +127,20 @@ def test_formats_that_cannot_be_written_are_refused(solution, tmp_path):
 @pytest.mark.parametrize("plot", [plot_position, plot_links])
 def test_any_figure_is_drawn_in_the_place_of_axes_given(solution, plot):
     figure = new_figure(9.0, 5.0)
-    mine, place = figure.subplots(1, 2)
-    mine.plot([0.0, 1.0])
+    panel, place = figure.subplots(1, 2)
+    panel.plot([0.0, 1.0])
     paths = Labels.of([f"{name}>lander>{name}" for name in solution.residuals.station])
     of_links = replace(solution, residuals=replace(solution.residuals, paths=paths))
     assert plot(of_links, ax=place) is figure
     figure.canvas.draw()
     drawn = [
-        axes for axes in [*figure.axes, *(a for sub in figure.subfigs for a in sub.axes)] if axes is not mine
+        axes for axes in [*figure.axes, *(a for sub in figure.subfigs for a in sub.axes)] if axes is not panel
     ]
-    edge = mine.bbox.x1
+    edge = panel.bbox.x1
     assert drawn
     assert all(axes.bbox.x0 > edge for axes in drawn)
     assert figure._repr_png_()[:4] == b"\x89PNG"
-    assert len(mine.lines) == 1
+    assert len(panel.lines) == 1
 
 
 def test_axes_without_a_place_in_a_grid_are_refused(solution):

@@ -16,8 +16,8 @@ PER_DEG_M = math.radians(1737400.0)
 
 
 def content(name="lander", place=PLACE, frame="ME_DE421"):
-    known = reference("benchmark", PLACE[0], PLACE[1] + 0.001)
-    return recorded(name, (*place, -2550.0), frame=frame, reference=known)
+    benchmark = reference("benchmark", PLACE[0], PLACE[1] + 0.001)
+    return recorded(name, (*place, -2550.0), frame=frame, reference=benchmark)
 
 
 def labelled(figure):
@@ -30,13 +30,13 @@ def labelled(figure):
 
 
 def test_positions_ellipses_and_references_are_in_metres_about_the_first():
-    other = content("other", (PLACE[0] + 0.001, PLACE[1]))
-    figure = plot_map([content(), other])
-    found = labelled(figure)
-    assert found["lander, 1 and 3 sigma"] == pytest.approx((0.0, 0.0), abs=1e-6)
+    second = content("other", (PLACE[0] + 0.001, PLACE[1]))
+    figure = plot_map([content(), second])
+    labels = labelled(figure)
+    assert labels["lander, 1 and 3 sigma"] == pytest.approx((0.0, 0.0), abs=1e-6)
     east_m = 0.001 * PER_DEG_M * math.cos(math.radians(PLACE[1]))
-    assert found["other, 1 and 3 sigma"] == pytest.approx((east_m, 0.0), abs=1e-3)
-    assert found["benchmark"] == pytest.approx((0.0, 0.001 * PER_DEG_M), abs=1e-3)
+    assert labels["other, 1 and 3 sigma"] == pytest.approx((east_m, 0.0), abs=1e-3)
+    assert labels["benchmark"] == pytest.approx((0.0, 0.001 * PER_DEG_M), abs=1e-3)
     sizes = sorted({(round(p.width, 6), round(p.height, 6)) for p in figure.axes[0].patches})
     assert {tuple(sorted(size)) for size in sizes} == {(20.0, 40.0), (60.0, 120.0)}
 
@@ -87,7 +87,7 @@ def test_the_ground_is_under_the_position():
 
 
 @pytest.mark.parametrize(
-    ("given", "options", "message"),
+    ("contents", "options", "message"),
     [
         ([], {}, "at least one position"),
         ([content() | {"position": None}], {}, "expected a position"),
@@ -100,6 +100,6 @@ def test_the_ground_is_under_the_position():
         ([content()], {"reach_m": 3e6}, "at most 1e\\+06 m"),
     ],
 )
-def test_maps_that_cannot_be_drawn_are_refused(given, options, message):
+def test_maps_that_cannot_be_drawn_are_refused(contents, options, message):
     with pytest.raises(InputError, match=message):
-        plot_map(given, **options)
+        plot_map(contents, **options)

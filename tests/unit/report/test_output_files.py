@@ -32,7 +32,7 @@ def two_rows(**changes):
     return Residuals(**columns | changes)
 
 
-def many(count, rng):
+def solution_of(count, rng):
     """Rows of several blocks: three links at each instant, some rejected by the fit and some before it."""
     residual_m, sigma_m = rng.normal(0.0, 1.0, count), rng.uniform(0.1, 2.0, count)
     used = rng.random(count) > 0.01
@@ -57,7 +57,7 @@ def many(count, rng):
 
 
 def test_many_residuals_are_written_with_the_digits_of_each(tmp_path):
-    file, rows = tmp_path / "residuals.csv", many(40_000, np.random.default_rng(8))
+    file, rows = tmp_path / "residuals.csv", solution_of(40_000, np.random.default_rng(8))
     write_content(file, residual_table(rows))
     numbers = {"observed_m": 7, "computed_m": 7, "residual_m": 6, "sigma_m": 6, "elevation_deg": 4}
     expected = zip(
@@ -77,7 +77,7 @@ def test_many_residuals_are_written_with_the_digits_of_each(tmp_path):
 @pytest.mark.slow
 def test_residuals_are_written_block_by_block(tmp_path):
     """The memory beside the columns does not grow with them."""
-    rows = many(200_000, np.random.default_rng(8))
+    rows = solution_of(200_000, np.random.default_rng(8))
     write_content(tmp_path / "warm.csv", residual_table(two_rows()))
     tracemalloc.start()
     write_content(tmp_path / "residuals.csv", residual_table(rows))

@@ -25,9 +25,9 @@ LOCKED += "with locked(Path(sys.argv[1])): print('locked', flush=True); time.sle
 def solution():
     model = ToyMoon(90, 72.0)
     paths = [f"{name}>lander>{name}" for name in model.station]
-    found = toy_solution(model, path=paths, reference_pa_m=LANDER_M, reference_name="truth")
-    elevation_deg = np.full(len(found.residuals), 45.0)
-    return replace(found, residuals=replace(found.residuals, elevation_deg=elevation_deg))
+    toy = toy_solution(model, path=paths, reference_pa_m=LANDER_M, reference_name="truth")
+    elevation_deg = np.full(len(toy.residuals), 45.0)
+    return replace(toy, residuals=replace(toy.residuals, elevation_deg=elevation_deg))
 
 
 def names(folder):
@@ -39,8 +39,8 @@ def test_results_that_share_names_replace_each_other_whole_and_others_stay(solut
     write_report(tmp_path, ArcStudy("toy", (Arc(72.0, 72.0, solution),)))
     assert "72h/solution.json" in names(tmp_path)
     write_report(tmp_path, solution)
-    both = names(tmp_path)
-    assert {"arcs.json", "solution.json", "residuals.csv", "notes.txt"} <= both
+    earlier_names = names(tmp_path)
+    assert {"arcs.json", "solution.json", "residuals.csv", "notes.txt"} <= earlier_names
     write_report(tmp_path, compare([tmp_path / "solution.json"]))
     assert "arcs.json" not in names(tmp_path)
     assert not {name for name in names(tmp_path) if name.startswith(("72h/", "figure2."))}
@@ -51,15 +51,15 @@ def test_results_that_share_names_replace_each_other_whole_and_others_stay(solut
 def test_a_second_writer_is_refused_and_a_killed_one_leaves_nothing(solution, tmp_path):
     (tmp_path / INCOMPLETE).write_text("")
     (tmp_path / ".radioloc-0123456789abcdef.part").write_text("left by a run that was killed")
-    other = subprocess.Popen([sys.executable, "-c", LOCKED, tmp_path / INCOMPLETE], stdout=subprocess.PIPE)
+    writer = subprocess.Popen([sys.executable, "-c", LOCKED, tmp_path / INCOMPLETE], stdout=subprocess.PIPE)
     try:
-        assert other.stdout.readline() == b"locked\n"
+        assert writer.stdout.readline() == b"locked\n"
         with pytest.raises(InputError, match="another run"):
             write_report(tmp_path, solution)
         assert "solution.json" not in names(tmp_path)
     finally:
-        other.kill()
-        other.communicate()
+        writer.kill()
+        writer.communicate()
     write_report(tmp_path, solution)
     assert "solution.json" in names(tmp_path)
     assert not list(tmp_path.glob(TEMPORARY_FILES))
@@ -69,12 +69,12 @@ def test_a_second_writer_is_refused_and_a_killed_one_leaves_nothing(solution, tm
 @pytest.mark.skipif(os.name != "posix", reason="needs permissions of POSIX")
 @pytest.mark.parametrize("umask", [0o022, 0o077, 0o002])
 def test_files_have_the_permissions_of_the_umask(umask, tmp_path):
-    before = os.umask(umask)
+    earlier_umask = os.umask(umask)
     try:
         write_text(tmp_path / "a.txt", "a\n")
         with locked(tmp_path / "a.txt"):
             pass
     finally:
-        os.umask(before)
+        os.umask(earlier_umask)
     assert (tmp_path / "a.txt").stat().st_mode & 0o777 == 0o666 & ~umask
     assert names(tmp_path) == {"a.txt"}

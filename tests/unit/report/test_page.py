@@ -31,8 +31,8 @@ PROVENANCE = {
 def solution():
     model = ToyMoon(90, 72.0)
     paths = [f"{name}>lander>{name}" for name in model.station]
-    found = toy_solution(model, path=paths, blunders_m={4: 19.0, 7: -1e5}, reference_pa_m=LANDER_M)
-    return replace(found, name="toy", provenance=PROVENANCE, notes=(f"a note {NASTY}",))
+    toy = toy_solution(model, path=paths, blunders_m={4: 19.0, 7: -1e5}, reference_pa_m=LANDER_M)
+    return replace(toy, name="toy", provenance=PROVENANCE, notes=(f"a note {NASTY}",))
 
 
 @pytest.fixture(scope="module")

@@ -50,18 +50,18 @@ def blocks_of(path):
     lines = path.read_text(encoding="ascii").splitlines()
     assert lines[-1] == "%ENDSNX"
     assert max(map(len, lines)) <= 80
-    found, inside = {}, None
+    blocks, name = {}, None
     for line in lines[1:-1]:
         if line[0] == "+":
-            assert inside is None
-            inside, found[line[1:]] = line[1:], []
+            assert name is None
+            name, blocks[line[1:]] = line[1:], []
         elif line[0] == "-":
-            assert line[1:] == inside
-            inside = None
-        elif line[0] == " " and inside in COLUMNS:
-            found[inside].append(fields(line, COLUMNS[inside]))
-    assert inside is None
-    return lines[0], found
+            assert line[1:] == name
+            name = None
+        elif line[0] == " " and name in COLUMNS:
+            blocks[name].append(fields(line, COLUMNS[name]))
+    assert name is None
+    return lines[0], blocks
 
 
 def fields(line, columns):
@@ -104,9 +104,9 @@ def test_correlations_of_many_parameters_are_those_of_the_position(with_biases, 
 
 
 def test_sinex(solution, tmp_path):
-    header, found = blocks_of(write_sinex(tmp_path / "a.snx", solution))
+    header, blocks = blocks_of(write_sinex(tmp_path / "a.snx", solution))
     assert header == "%=SNX 2.02 RLC 00:000:00000 RLC 06:097:23190 07:170:09515 C 00003 2 S"
-    estimate = found["SOLUTION/ESTIMATE"]
+    estimate = blocks["SOLUTION/ESTIMATE"]
     assert [line[:5] for line in estimate] == [
         [k, axis, "APOL", "A", "1"] for k, axis in enumerate(("STAX", "STAY", "STAZ"), 1)
     ]
@@ -114,34 +114,34 @@ def test_sinex(solution, tmp_path):
     sigmas_m = np.sqrt(np.diag(solution.position_covariance("pa")))
     np.testing.assert_allclose([line[-1] for line in estimate], sigmas_m, rtol=1e-5)
     # The place by degrees, minutes and seconds is good to a tenth of a second, 1 m.
-    [(_, _, _, _, _, *place, height_m)] = found["SITE/ID"]
+    [(_, _, _, _, _, *place, height_m)] = blocks["SITE/ID"]
     longitude_deg, latitude_deg, expected_m = solution.selenographic
     assert np.dot(place[:3], (1.0, 1.0 / 60.0, 1.0 / 3600.0)) == pytest.approx(longitude_deg, abs=2e-5)
     assert np.dot(place[3:], (1.0, 1.0 / 60.0, 1.0 / 3600.0)) == pytest.approx(latitude_deg, abs=2e-5)
     assert height_m == pytest.approx(expected_m, abs=0.051)
-    assert "SOLUTION/APRIORI" not in found
+    assert "SOLUTION/APRIORI" not in blocks
 
 
 def test_sinex_of_several_parameters(with_biases):
     solution, path = with_biases
-    header, found = blocks_of(path)
+    header, blocks = blocks_of(path)
     assert header.endswith(" C 00006 1 S")
-    estimate = found["SOLUTION/ESTIMATE"]
+    estimate = blocks["SOLUTION/ESTIMATE"]
     assert [(line[1], line[2], line[6], line[7]) for line in estimate[3:]] == [
         ("RBIAS", "JIAM", "m", "1"),
         ("RBIAS", "KASH", "m", "1"),
         ("RBIAS", "NEUQ", "m", "1"),
     ]
     np.testing.assert_allclose([line[-2] for line in estimate[3:]], solution.values[3:], rtol=1e-13)
-    assert [(line[0], *line[-2:]) for line in found["SOLUTION/APRIORI"]] == [
+    assert [(line[0], *line[-2:]) for line in blocks["SOLUTION/APRIORI"]] == [
         (4, 0.0, 300.0),
         (5, 0.0, 300.0),
         (6, 0.0, 300.0),
     ]
     covariance = np.zeros((6, 6))
-    for row, column, *values in found["SOLUTION/MATRIX_ESTIMATE L COVA"]:
-        given = [value for value in values if value is not None]
-        covariance[row - 1, column - 1 : column - 1 + len(given)] = given
+    for row, column, *values in blocks["SOLUTION/MATRIX_ESTIMATE L COVA"]:
+        finite = [value for value in values if value is not None]
+        covariance[row - 1, column - 1 : column - 1 + len(finite)] = finite
     assert not np.triu(covariance, 1).any()
     covariance += np.tril(covariance, -1).T
     np.testing.assert_allclose([line[-1] for line in estimate], np.sqrt(np.diag(covariance)), rtol=1e-5)
@@ -156,21 +156,21 @@ def test_sinex_of_several_parameters(with_biases):
 def test_sinex_of_several_targets(solution, tmp_path):
     """Two names that begin alike, and an error of the ephemeris that moves both targets."""
     first = TargetPosition("apollo11", solution.position_pa_m, solution.position_partials)
-    both = replace(
+    joint = replace(
         solution,
         targets=(first, TargetPosition("apollo15", *(1.01 * first.position_pa_m, first.position_partials))),
         ephemeris_sigma_enu_m=np.array([1.0, 2.0, 3.0]),
     )
-    _, found = blocks_of(write_sinex(tmp_path / "a.snx", both))
-    assert [(line[1], line[2]) for line in found["SOLUTION/ESTIMATE"]] == [
+    _, blocks = blocks_of(write_sinex(tmp_path / "a.snx", joint))
+    assert [(line[1], line[2]) for line in blocks["SOLUTION/ESTIMATE"]] == [
         (axis, code) for code in ("AP11", "AP15") for axis in ("STAX", "STAY", "STAZ")
     ]
-    sigmas_m = np.sqrt(np.diag(both.position_covariance("pa")))
+    sigmas_m = np.sqrt(np.diag(joint.position_covariance("pa")))
     np.testing.assert_allclose(
-        [line[-1] for line in found["SOLUTION/ESTIMATE"]], np.tile(sigmas_m, 2), rtol=1e-5
+        [line[-1] for line in blocks["SOLUTION/ESTIMATE"]], np.tile(sigmas_m, 2), rtol=1e-5
     )
-    matrix = {(row, column): values for row, column, *values in found["SOLUTION/MATRIX_ESTIMATE L COVA"]}
-    np.testing.assert_allclose(matrix[4, 1], both.position_covariance("pa")[0], rtol=1e-12)
+    matrix = {(row, column): values for row, column, *values in blocks["SOLUTION/MATRIX_ESTIMATE L COVA"]}
+    np.testing.assert_allclose(matrix[4, 1], joint.position_covariance("pa")[0], rtol=1e-12)
 
 
 def test_solutions_without_a_position_have_no_sinex(solution, tmp_path):

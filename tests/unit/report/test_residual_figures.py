@@ -24,7 +24,7 @@ PATHS = {
 @pytest.fixture(scope="module")
 def rows():
     """Ninety residuals of 0.1 m over six links of three kinds, the tenth and eleventh observation left out."""
-    made = toy_solution(ToyMoon(90, 72.0, biases=False)).residuals
+    toy = toy_solution(ToyMoon(90, 72.0, biases=False)).residuals
     links = [(kind, path) for kind, paths in PATHS.items() for path in paths]
     kind, path = (np.array(column)[np.arange(90) % len(links)] for column in zip(*links, strict=True))
     rng = np.random.default_rng(5)
@@ -33,7 +33,7 @@ def rows():
     status = np.full(90, "used", dtype="U40")
     status[[10, 11]] = "outlier"
     return replace(
-        made,
+        toy,
         types=Labels.of(kind),
         paths=Labels.of(path),
         stations=Labels.of([p.split(">")[-1] for p in path]),
@@ -65,20 +65,20 @@ def test_a_panel_for_each_baseline_and_each_receiver(rows):
 def test_of_too_many_links_those_with_the_most_observations(rows):
     """Forty receivers, the last with more observations than the others: it is there; that others are not is said."""
     receivers = [f"S{k:02d}" for k in range(40)] * 2 + ["S39"] * 10
-    many = replace(
+    links = replace(
         rows,
         types=Labels.of(["range"] * 90),
         paths=Labels.of([f"{name}>lander>{name}" for name in receivers]),
         stations=Labels.of(receivers),
     )
-    for figure, most, what in (
-        (plot_links(many), MAX_LINKS, "links"),
-        (plot_residuals(many), 12, "stations"),
+    for figure, limit, text in (
+        (plot_links(links), MAX_LINKS, "links"),
+        (plot_residuals(links), 12, "stations"),
     ):
         shown = [axes for axes in figure.axes if axes.get_visible() and axes.get_title(loc="left")]
-        assert len(shown) == most
+        assert len(shown) == limit
         assert any("S39" in axes.get_title(loc="left") for axes in shown)
-        assert f"{most} of 40 {what}, those with the most observations" in figure.get_supxlabel()
+        assert f"{limit} of 40 {text}, those with the most observations" in figure.get_supxlabel()
 
 
 def test_panels_show_the_used_residuals_of_their_links(rows):
@@ -92,12 +92,12 @@ def test_panels_show_the_used_residuals_of_their_links(rows):
         factor = {"m": 1.0, "cm": 100.0}[axes.get_ylabel().removeprefix("residual (").rstrip(")")]
         lines = dots(axes)
         for label, path in labels.items():
-            mine = (rows.type == kind) & (rows.path == path) & rows.used
+            shown = (rows.type == kind) & (rows.path == path) & rows.used
             line = lines[label] if label else next(iter(lines.values()))
-            np.testing.assert_allclose(line.get_ydata(), factor * rows.residual_m[mine])
-        mine = (rows.type == kind) & np.isin(rows.path, list(labels.values())) & rows.used
-        rms = factor * np.sqrt(np.mean(rows.residual_m[mine] ** 2))
-        assert axes.get_title(loc="right").startswith(f"{mine.sum()} used, rms {rms:#.3g} ")
+            np.testing.assert_allclose(line.get_ydata(), factor * rows.residual_m[shown])
+        shown = (rows.type == kind) & np.isin(rows.path, list(labels.values())) & rows.used
+        rms = factor * np.sqrt(np.mean(rows.residual_m[shown] ** 2))
+        assert axes.get_title(loc="right").startswith(f"{shown.sum()} used, rms {rms:#.3g} ")
     legend = [text.get_text() for text in panels["range KASHI"].get_legend().get_texts()]
     assert legend == ["two-way", "from JIAMUSI"]
     assert panels[f"delay URUMQI{DASH}KUNMING"].get_legend() is None
@@ -161,16 +161,16 @@ def test_one_way_links_and_several_targets_are_told_apart(rows):
 
 
 def test_rejected_observations_beyond_a_panel_are_at_its_edge(rows):
-    alone = rows.select((rows.path == PATHS["range"][0]) & (rows.type == "range"))
-    residual_m, status = alone.residual_m + 500.0, np.full(len(alone), "used", dtype="U40")
+    link_rows = rows.select((rows.path == PATHS["range"][0]) & (rows.type == "range"))
+    residual_m, status = link_rows.residual_m + 500.0, np.full(len(link_rows), "used", dtype="U40")
     residual_m[[2, 3]], status[[2, 3]] = (900.0, 0.0), "outlier"
-    [axes] = plot_links(replace(alone, residual_m=residual_m, statuses=Labels.of(status))).axes
+    [axes] = plot_links(replace(link_rows, residual_m=residual_m, statuses=Labels.of(status))).axes
     low, high = axes.get_ylim()
-    found = {
+    markers = {
         line.get_marker(): float(line.get_ydata()[0]) for line in axes.lines if len(line.get_ydata()) == 1
     }
-    assert 500.0 < found["^"] < high
-    assert low < found["v"] < 500.0
+    assert 500.0 < markers["^"] < high
+    assert low < markers["v"] < 500.0
 
 
 def test_stations_tell_their_links_apart(rows):
@@ -178,11 +178,11 @@ def test_stations_tell_their_links_apart(rows):
     panels = panels_of(plot_residuals(ranges))
     assert list(panels) == ["JIAMUSI", "KASHI"]
     kashi = {bars.get_label(): len(bars.lines[0].get_ydata()) for bars in panels["KASHI"].containers}
-    mine = ranges.select((ranges.station == "KASHI") & ranges.used)
+    station_rows = ranges.select((ranges.station == "KASHI") & ranges.used)
     assert kashi == {
-        "two-way": int((mine.path == PATHS["range"][0]).sum()),
-        "from JIAMUSI": int((mine.path == PATHS["range"][1]).sum()),
+        "two-way": int((station_rows.path == PATHS["range"][0]).sum()),
+        "from JIAMUSI": int((station_rows.path == PATHS["range"][1]).sum()),
     }
     legend = [text.get_text() for text in panels["KASHI"].get_legend().get_texts()]
-    assert legend[0].startswith(f"{len(mine)} used, wrms ")
+    assert legend[0].startswith(f"{len(station_rows)} used, wrms ")
     assert legend[1:3] == ["two-way", "from JIAMUSI"]

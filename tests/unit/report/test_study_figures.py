@@ -55,18 +55,18 @@ def test_the_smallest_of_many_sources_are_one_bar(monkeypatch):
 
 def test_the_distribution_is_that_of_the_used_residuals(solution):
     rows = solution.residuals
-    left, right = plot_distribution(solution).axes
+    first, right = plot_distribution(solution).axes
     size = rows.residual_m / rows.sigma_m
-    by_label = {line.get_label(): line for line in left.lines}
+    by_label = {line.get_label(): line for line in first.lines}
     np.testing.assert_allclose(by_label["range"].get_xdata(), rows.elevation_deg[rows.used])
     np.testing.assert_allclose(by_label["range"].get_ydata(), size[rows.used])
     [beyond] = by_label["1 rejected"].get_ydata()
-    low, high = left.get_ylim()
+    low, high = first.get_ylim()
     assert low < size[rows.used].min() < size[rows.used].max() < beyond < high
     # Bins of five degrees: the first whole one has the elevations from 15 to 20.
-    mine = rows.used & (rows.elevation_deg >= 15.0) & (rows.elevation_deg < 20.0)
+    band = rows.used & (rows.elevation_deg >= 15.0) & (rows.elevation_deg < 20.0)
     rms = dict(by_label["rms in 5 deg"].get_xydata())
-    assert rms[17.5] == pytest.approx(np.sqrt(np.mean(size[mine] ** 2)))
+    assert rms[17.5] == pytest.approx(np.sqrt(np.mean(size[band] ** 2)))
     bars = [bar for bar in right.patches if bar.get_width() > 0.0]
     area = sum(bar.get_width() * bar.get_height() for bar in bars)
     assert area == pytest.approx(1.0)
@@ -76,22 +76,22 @@ def test_the_distribution_is_that_of_the_used_residuals(solution):
 
 
 def test_very_many_residuals_are_drawn_by_their_density(solution):
-    many = solution.residuals.select(np.tile(np.arange(90), 300))
-    left, _ = plot_distribution(many).axes
-    [density] = [one for one in left.collections if one.get_array() is not None]
-    assert density.get_array().sum() == many.used.sum()
+    residuals = solution.residuals.select(np.tile(np.arange(90), 300))
+    axes, _ = plot_distribution(residuals).axes
+    [density] = [item for item in axes.collections if item.get_array() is not None]
+    assert density.get_array().sum() == residuals.used.sum()
 
 
 @pytest.fixture(scope="module")
 def arc_study(solution):
     shorter = replace(solution, position_pa_m=LANDER_M + np.array([0.0, 15.0, -6.0]))
     place = LunarPosition.from_cartesian(solution.rot_pa_to_me @ LANDER_M, "ME_DE421")
-    known = (SimpleNamespace(name="truth", position=place),)
-    return ArcStudy("toy", (Arc(48.0, 47.0, solution), Arc(12.0, 11.5, shorter)), known)
+    references = (SimpleNamespace(name="truth", position=place),)
+    return ArcStudy("toy", (Arc(48.0, 47.0, solution), Arc(12.0, 11.5, shorter)), references)
 
 
 def test_arcs_are_drawn_where_the_table_has_them(arc_study):
-    plane, *beside = plot_arcs(arc_study).axes
+    plane, *panels = plot_arcs(arc_study).axes
     drawn = {line.get_label(): line.get_xydata()[0] for line in plane.lines}
     for row in arc_study.rows:
         np.testing.assert_allclose(drawn[row.name], [-(row.west_m or 0.0), row.north_m or 0.0])
@@ -99,7 +99,7 @@ def test_arcs_are_drawn_where_the_table_has_them(arc_study):
     assert [patch.height for patch in plane.patches] == pytest.approx(
         [2.0 * arc.solution.ellipse(0.95).semi_major_m for arc in arc_study.arcs]
     )
-    for axes, side in zip(beside, ("west", "north", "up"), strict=True):
+    for axes, side in zip(panels, ("west", "north", "up"), strict=True):
         sign = -1.0 if side == "west" else 1.0
         for bars, row, hours in zip(axes.containers, arc_study.rows, (48.0, 12.0), strict=False):
             [x], [y] = bars.lines[0].get_data()
@@ -135,17 +135,17 @@ def test_bars_of_visibility_are_the_windows():
     target = lander.to_axes("PA", model.ephemeris.constants).xyz_m
     span = ("2020-12-01T00:00:00", "2020-12-02T12:00:00")
     masks = Masks(by_station_deg={"KASHI": 15.0})
-    above, below = plot_visibility(model, target, ["KASHI", "NEUQUEN"], *span, masks).axes
+    elevations, intervals = plot_visibility(model, target, ["KASHI", "NEUQUEN"], *span, masks).axes
     step_days = 1.5 / 720.0
     for k, name in enumerate(("KASHI", "NEUQUEN")):
         expected = windows(model, target, [name], *span, masks)
-        bars = [bar for bar in below.patches if round(bar.get_y() + 0.3) == k]
+        bars = [bar for bar in intervals.patches if round(bar.get_y() + 0.3) == k]
         assert len(bars) == len(expected)
         for bar, window in zip(bars, expected, strict=True):
             edges = (
                 np.array([window.start_utc, window.stop_utc], dtype="datetime64[ms]").astype(float) / 86400e3
             )
             assert [bar.get_x(), bar.get_x() + bar.get_width()] == pytest.approx(edges, abs=1.01 * step_days)
-    assert {line.get_ydata()[0] for line in above.lines if line.get_linestyle() == "--"} == {10.0, 15.0}
+    assert {line.get_ydata()[0] for line in elevations.lines if line.get_linestyle() == "--"} == {10.0, 15.0}
     with pytest.raises(InputError, match="expected a date"):
         plot_visibility(model, target, ["KASHI"], span[1], span[0])

@@ -123,9 +123,9 @@ def test_a_choice_of_observations_takes_dates_and_times():
         start = ObservationChoice(start=date).start
         assert start.scale == "UTC"
         assert abs((start.jd - plain.jd + start.fraction - plain.fraction)[0]) * 86400.0 < 1e-8
-    with pytest.raises(InputError, match="'soon' is not a date"):
+    with pytest.raises(InputError, match="'soon'"):
         ObservationChoice(start="soon")
-    with pytest.raises(InputError, match="stop must be one epoch"):
+    with pytest.raises(InputError, match="stop must be"):
         ObservationChoice(stop=Time(["2020-12-01", "2020-12-02"]))
 
 
@@ -184,5 +184,5 @@ def test_predictions_of_a_place_in_kilometres():
     computed = arc.compute()
     assert np.array_equal(arc.compute(FixedPoint(place_m * u.m)).value_m, computed.value_m)
     assert arc.compute(FixedPoint(place_m / 1e3 * u.km)).value_m == pytest.approx(computed.value_m, abs=1e-6)
-    with pytest.raises(InputError, match="position_pa_m is in rad; give m"):
+    with pytest.raises(InputError, match="position_pa_m"):
         FixedPoint(place_m * u.rad)

@@ -109,5 +109,5 @@ def test_lines_are_read_lazily_over_block_ends(tmp_path):
 
 def test_pipe_without_a_writer_is_refused(tmp_path):
     os.mkfifo(tmp_path / "pipe")
-    with pytest.raises(FileFormatError, match="pipe: is a pipe or a device; give a file"):
+    with pytest.raises(FileFormatError, match="is a pipe"):
         read_text(tmp_path / "pipe")

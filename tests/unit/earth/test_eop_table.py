@@ -110,7 +110,7 @@ def test_left_out_days_are_recovered_within_the_documented_error(packaged):
 
 
 def test_outside_the_table_is_refused(packaged):
-    with pytest.raises(CoverageError, match=r"1969-07-20 TT; tables begin in 1972"):
+    with pytest.raises(CoverageError, match=r"1969-07-20 TT.*1972"):
         packaged.interpolate(Epochs.from_jd(2440422.5, 0.5, "TT"))
     with pytest.raises(CoverageError, match=r"got 2099-.*; update"):
         packaged.interpolate(Epochs.from_jd(2488000.5, 0.5, "TT"))
@@ -131,7 +131,7 @@ def test_missing_pole_offsets_are_refused_and_can_be_held():
     table = table_of(days, dx_rad=dx, dy_rad=-dx, predicted=days > 58003.0)
     # 58006 is 2017-09-10, the first day without offsets: a cubic reaches two days back from it.
     assert table.interpolate(tt_of("2017-09-07T12:00:00")).dx_rad == pytest.approx(2e-9, abs=1e-22)
-    with pytest.raises(CoverageError, match=r"pole offsets.* to 2017-09-09 UTC, got 2017-09-09 TT"):
+    with pytest.raises(CoverageError, match=r"offsets.*2017-09-09 UTC.*2017-09-09 TT"):
         table.interpolate(tt_of("2017-09-09T12:00:00"))
     held = extended(table, "hold")
     values = held.interpolate(tt_of("2017-09-12T12:00:00"))

@@ -230,7 +230,7 @@ def test_coordinates_in_another_order_than_the_catalogue_has_them_are_refused(
     default = StationCatalogue.default()
     kashi = default["KASHI"]
     moved_m = kashi.itrf_m + 1000.0
-    with pytest.raises(StationError, match=r"KASHI is \d+ km from the catalogue's.* would be 1.73 km"):
+    with pytest.raises(StationError, match=r"KASHI.*\d+.*catalogue's.*1.73"):
         default.with_station(dataclasses.replace(kashi, itrf_m=signs * moved_m[list(order)]))
     relocated = default.with_station(dataclasses.replace(kashi, itrf_m=default["PARKES"].itrf_m))
     assert relocated["KASHI"].itrf_m.tolist() == default["PARKES"].itrf_m.tolist()
@@ -284,5 +284,5 @@ def test_position_is_in_itrf2020_whatever_frame_it_is_given_in() -> None:
 
 
 def test_with_station_refuses_an_alias_already_taken() -> None:
-    with pytest.raises(StationError, match="APOLLO and MINE are both called '7045'"):
+    with pytest.raises(StationError, match=r"APOLLO.*MINE.*'7045'"):
         StationCatalogue.default().with_station(make_station(aliases=("7045",)))

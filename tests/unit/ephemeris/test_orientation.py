@@ -40,5 +40,5 @@ def test_frame_of_another_ephemeris(tmp_path):
 
 @pytest.mark.parametrize("codes", [[31002], [3000], [31006, 31008]])
 def test_unknown_or_ambiguous_frames(tmp_path, codes):
-    with pytest.raises(KernelError, match=r"holds the NAIF frames .* exactly one of 31006 \(PA_DE421\)"):
+    with pytest.raises(KernelError, match=r"NAIF.*31006 \(PA_DE421\)"):
         LunarOrientation.open(made_up_pck(tmp_path / "odd.bpc", codes))

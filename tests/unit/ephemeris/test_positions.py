@@ -126,7 +126,7 @@ def test_wrong_scale_and_wrong_body(ephemeris, epochs):
         ephemeris.earth(Epochs.from_jd(2451545.0, 0.0, "TT"))
     with pytest.raises(InputError, match="got 'mars'"):
         ephemeris.geocentric("mars", epochs)
-    with pytest.raises(InputError, match="body: expected one of sun"):
+    with pytest.raises(InputError, match="body:"):
         ephemeris.constants.gm_m3_s2("mars")
 
 
@@ -187,13 +187,13 @@ def test_another_ephemeris(tmp_path):
     position_m, velocity_m_s = ephemeris.geocentric("moon", tdb)
     np.testing.assert_allclose(position_m, 1e3 * states[:, :3], rtol=0, atol=1e-5)
     np.testing.assert_allclose(velocity_m_s, 1e3 * states[:, 3:], rtol=0, atol=1e-9)
-    with pytest.raises(KernelError, match="no segment for NAIF code 5"):
+    with pytest.raises(KernelError, match=r"NAIF.*5"):
         ephemeris.geocentric("jupiter", tdb)
 
 
 def test_ephemeris_without_the_moon_or_of_unknown_name(tmp_path):
     remaining = {pair: length_s for pair, length_s in PAIRS_OF_DE440.items() if pair[0] != 301}
-    with pytest.raises(KernelError, match="no segment for NAIF code 301 relative to 3"):
+    with pytest.raises(KernelError, match=r"NAIF.*301.*3"):
         Ephemeris.open(chebyshev_spk(tmp_path / "no_moon.bsp", "DE-0440LE-0440", remaining))
     unknown = chebyshev_spk(tmp_path / "unknown.bsp", "INPOP21A", PAIRS_OF_DE440)
     with pytest.raises(KernelError, match="constants="):

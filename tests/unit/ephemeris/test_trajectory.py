@@ -84,17 +84,17 @@ def test_another_inertial_frame_is_turned(orbit, tmp_path):
 
 def test_a_frame_that_turns_is_refused(tmp_path):
     fixed = write_states(tmp_path / "fixed.bsp", STATES, frame="IAU_MOON")
-    with pytest.raises(KernelError, match=r"fixed\.bsp .* body -85 in the frame IAU_MOON \(10020\)"):
+    with pytest.raises(KernelError, match=r"fixed\.bsp.*-85.*IAU_MOON \(10020\)"):
         Trajectory.open(fixed, ORBITER)
 
 
 def test_what_is_no_trajectory_is_refused(orbit, tmp_path):
-    with pytest.raises(KernelError, match=r"no body with the NAIF code -86; it holds -85"):
+    with pytest.raises(KernelError, match=r"NAIF.*-86.*-85"):
         Trajectory.open(orbit, -86)
-    with pytest.raises(KernelError, match="neither a file nor a kernel"):
+    with pytest.raises(KernelError, match="neither a file"):
         Trajectory.open(tmp_path / "absent.bsp", ORBITER)
     (tmp_path / "text.bsp").write_text("not a kernel")
-    with pytest.raises(KernelError, match="not a SPICE binary kernel"):
+    with pytest.raises(KernelError, match="SPICE"):
         Trajectory.open(tmp_path / "text.bsp", ORBITER)
     (tmp_path / "cut.bsp").write_bytes(orbit.read_bytes()[:4096])
     with pytest.raises(KernelError, match="cut short"):
@@ -154,7 +154,7 @@ def test_a_type_of_segment_that_is_not_read_is_refused_with_the_conversion(tmp_p
     states = STATES(et_s) / 1e3
     spiceypy.spkw05(handle, ORBITER, 301, "J2000", et_s[0], et_s[-1], "o", 4902.8, 20, states, et_s)
     spiceypy.spkcls(handle)
-    with pytest.raises(KernelError, match=r"is of SPK type 5; expected 1, 2, 3, .*spkw13"):
+    with pytest.raises(KernelError, match=r"SPK.*5.*1, 2, 3,.*spkw13"):
         Trajectory.open(tmp_path / "two_body.bsp", ORBITER)
 
 
@@ -187,7 +187,7 @@ def test_centres(tmp_path, center, code):
 
 def test_a_centre_that_the_ephemeris_lacks(tmp_path):
     path = write_states(tmp_path / "orbit.bsp", STATES, center=499)
-    with pytest.raises(KernelError, match="no segment for NAIF code 499 relative to 0"):
+    with pytest.raises(KernelError, match=r"NAIF.*499.*0"):
         Trajectory.open(path, ORBITER).geocentric(Ephemeris.open(), Epochs.from_tdb_seconds(AT_S))
 
 

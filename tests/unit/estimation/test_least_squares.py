@@ -215,13 +215,13 @@ def test_unusable_input_is_refused(kwargs, words):
 def test_unusable_models_are_refused():
     design, observed, sigma = linear()
     broken = np.where(np.arange(40) == 3, np.nan, observed)
-    with pytest.raises(InputError, match="1 of 40 residuals are not finite at the start, the first at 3"):
+    with pytest.raises(InputError, match=r"1.*40.*3"):
         fit_least_squares(function(design, broken), free_parameters(5), sigma)
     holed = np.where(design == design[0, 1], np.nan, design)
-    with pytest.raises(InputError, match=r"partials with respect to p\.1 are not finite"):
+    with pytest.raises(InputError, match=r"p\.1"):
         fit_least_squares(lambda x: (observed, holed), free_parameters(5), sigma)
     with pytest.raises(InputError, match="do not belong to 4 parameters"):
         fit_least_squares(lambda x: (observed, design), free_parameters(4), sigma)
     column = DenseLinearization(observed[:, None], design)
-    with pytest.raises(InputError, match=r"residuals have shape \(40, 1\); \(n,\) is needed"):
+    with pytest.raises(InputError, match=r"\(40, 1\); \(n,\)"):
         fit_least_squares(lambda x: column, free_parameters(5), sigma)

@@ -134,7 +134,7 @@ def test_contiguous_counts_of_a_link_are_joined():
     doppler = np.flatnonzero(arc.observations.types() == "doppler")
     np.testing.assert_array_equal(phase.start[doppler[1:]], phase.end[doppler[:-1]])
     assert (phase.link[arc.observations.types() == "range"] == ALONE).all()
-    with pytest.raises(InputError, match="doppler_phase_sigma_m: no observation by URUMQI"):
+    with pytest.raises(InputError, match=r"doppler_phase_sigma_m:.*URUMQI"):
         prepared_arc(planned({"URUMQI": 0.003}), world.plan.observations)
 
 

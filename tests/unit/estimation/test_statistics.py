@@ -61,7 +61,7 @@ def test_selected_rows_keep_all_that_is_told_of_them(elevation_deg):
         part.elevation_deg is None if elevation_deg is None else part.elevation_deg.tolist() == [30.0, 20.0]
     )
     assert ("elevation_deg" in part.to_table().colnames) == (elevation_deg is not None)
-    with pytest.raises(InputError, match="sigma_m has 1 values, but there are 3 observations"):
+    with pytest.raises(InputError, match=r"sigma_m.*1.*3"):
         replace(residuals, sigma_m=np.ones(1))
 
 

@@ -107,7 +107,7 @@ def test_rays_beyond_a_fold_are_not_visible():
 
 def test_pixels_beyond_the_distorted_image_are_refused():
     model = Camera.of_pinhole(10.0, 10.0, [500.0, 500.0], [-0.3])  # its largest radius is 0.70 focal lengths
-    with pytest.raises(InputError, match="at sample 1400, line 500"):
+    with pytest.raises(InputError, match=r"1400.*500"):
         model.directions([[600.0, 500.0], [1400.0, 500.0]])
 
 

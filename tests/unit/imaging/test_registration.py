@@ -135,7 +135,7 @@ def test_no_image_on_the_map_is_an_error(base, frames):
 @pytest.mark.slow
 def test_images_out_of_order_are_refused(base):
     order = [0, 3, 1, 4]
-    with pytest.raises(InputError, match=r"0001\.png .* comes after 0003\.png"):
+    with pytest.raises(InputError, match=r"0001\.png.*0003\.png"):
         register_chain([SHORT.list[k] for k in order], base, map_sigma_m=MAP_M)
     with pytest.raises(InputError, match=r"same name: \['0000\.png'\]"):
         register_chain([SHORT.list[0], SHORT.list[0]], base, map_sigma_m=MAP_M)

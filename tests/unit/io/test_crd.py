@@ -168,7 +168,7 @@ def test_records_out_of_place_are_refused(crd_lines):
 
 
 def test_a_configuration_has_one_wavelength_in_a_pass():
-    with pytest.raises(FileFormatError, match=r"line 6: .*'std3' has two wavelengths"):
+    with pytest.raises(FileFormatError, match=r"6:.*'std3'"):
         parse_crd("a.np2", session("c0 0 1064.0 std3 lpd", point(8215)), None)
     assert len(parse_crd("a.np2", session("c0 0 532.0 std3 lpd", point(8215)), None)) == 1
 
@@ -256,12 +256,12 @@ def test_stations_get_catalogue_names(crd_lines):
     from radioloc.earth.stations import StationCatalogue
 
     lines, _ = replaced(crd_lines, "GRSM       7845", "GRSM       7846")
-    with pytest.warns(DataQualityWarning, match="line 2: .*lacks the pad number 7846"):
+    with pytest.warns(DataQualityWarning, match=r"2:.*lacks.*7846"):
         paths = parse_crd("a.np2", lines, StationCatalogue.default()).paths().tolist()
     assert paths[0] == "GRASSE>apollo15>GRASSE"  # by its code, the pad being unknown
     assert paths[2] == "APOLLO>apollo11>APOLLO"
     lines, _ = replaced(crd_lines, "GRSM       7845", "GRSM       7045")
-    with pytest.raises(FileFormatError, match=r"line 2: .* 'GRSM' .* to GRASSE, .* 7045 to APOLLO"):
+    with pytest.raises(FileFormatError, match=r"2:.*'GRSM'.*GRASSE,.*7045.*APOLLO"):
         parse_crd("a.np2", lines, StationCatalogue.default())
     lines, _ = replaced(crd_lines, "GRSM       7845", "NONE       9999")
     assert parse_crd("a.np2", lines, StationCatalogue.default()).paths()[0] == "9999>apollo15>9999"

@@ -117,7 +117,7 @@ def test_kernels_that_spice_cannot_write_leave_none_and_those_before(tmp_path, m
 
     monkeypatch.setattr(spiceypy, "spkw09", failing)
     (tmp_path / "lander.tf").write_text("before")
-    with pytest.raises(InputError, match=r"lander\.bsp cannot be written by SPICE: no room"):
+    with pytest.raises(InputError, match=r"lander\.bsp.*SPICE:"):
         write_spice(tmp_path / "lander.bsp", content())
     assert [path.name for path in tmp_path.iterdir()] == ["lander.tf"]
     assert (tmp_path / "lander.tf").read_text() == "before"

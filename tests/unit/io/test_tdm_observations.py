@@ -60,7 +60,7 @@ def test_units_of_range():
     unit = TWO_WAY | {"RANGE_UNITS": "RU"}
     got = read((unit, units), range_unit_s=1e-6)
     assert abs(got.value_m[0] - C_M_S * 2.5644) < VALUE_TOLERANCE_M
-    with pytest.raises(FileFormatError, match=r"RANGE_UNITS is RU, .*; give range_unit_s"):
+    with pytest.raises(FileFormatError, match=r"RANGE_UNITS.*RU,.*range_unit_s"):
         read((unit, units))
     ramp = ["TRANSMIT_FREQ_1 = 2021-03-28T14:00:00 7.1e9", "TRANSMIT_FREQ_1 = 2021-03-28T14:00:01 7.2e9"]
     # With the frequency the unit changes: cycles, in metres by its length at the first.
@@ -71,9 +71,9 @@ def test_units_of_range():
 
 def test_the_other_convention_is_recognized_by_its_factor_of_two():
     half = ["RANGE = 2021-03-28T14:00:00 384400.5"]
-    with pytest.raises(FileFormatError, match=r'line 12: .* factor of two: set tdm_range = "half"'):
+    with pytest.raises(FileFormatError, match=r'12:.*tdm_range.*"half"'):
         read((TWO_WAY, half))
-    with pytest.raises(FileFormatError, match='factor of two: set tdm_range = "round_trip"'):
+    with pytest.raises(FileFormatError, match=r'tdm_range.*"round_trip"'):
         read((TWO_WAY, RANGES), range_convention="half")
 
 
@@ -274,7 +274,7 @@ def test_clock_before_its_first_record():
 def test_two_values_of_one_epoch_in_two_segments():
     of_clock = [(CLOCK, [CLOCK_BIAS.format(value)]) for value in ("2e-7", "3e-7")]
     assert len(read(VLBI, of_clock[0], of_clock[0])) == 2
-    with pytest.raises(FileFormatError, match=r"CLOCK_BIAS has two values of one epoch .*, 2e-07 and 3e-07"):
+    with pytest.raises(FileFormatError, match=r"CLOCK_BIAS.*, 2e-07.*3e-07"):
         read(VLBI, *of_clock)
 
 
@@ -554,7 +554,7 @@ def test_measurements_outside_of_start_and_stop():
     ):
         with pytest.raises(FileFormatError, match=f"line {line}: RANGE .* outside of {keyword} = {wrong}"):
             read((TWO_WAY | SPAN | {keyword: wrong}, RANGES))
-    with pytest.raises(FileFormatError, match=r"line 13: RANGE is 37\.25 s outside of STOP_TIME"):
+    with pytest.raises(FileFormatError, match=r"13: RANGE.*37\.25.*STOP_TIME"):
         read((TWO_WAY | {"TIME_SYSTEM": "TAI", "STOP_TIME": "2021-03-28T13:59:23"}, RANGES))
 
 

@@ -77,7 +77,7 @@ def test_messages_of_several_observers(tmp_path):
     (tmp_path / "a.tdm").write_text(AMATEUR)
     (tmp_path / "b.tdm").write_text(TELESCOPE)
     files = sorted(tmp_path.glob("*.tdm"))
-    with pytest.warns(DataQualityWarning, match=r"a.tdm, line 24: .*repeated .*, line 23"):
+    with pytest.warns(DataQualityWarning, match=r"24:.*repeated.*23"):
         got = read_observations(files, frequencies=[BEACON])
     assert got.paths().tolist() == ["2022-156a>COSPAR 8049"] * 3 + ["orion>DWINGELOO RADIO TELESCOPE"]
     assert set(got.types()) == {"one_way_doppler"}
@@ -90,7 +90,7 @@ def test_messages_of_several_observers(tmp_path):
     apart_hz = 2216.5e6 - np.array([2216499795.745, 2216499794.845, 2216499794.045, 2216494443.0])
     assert got.value_m == pytest.approx(C_M_S * got.count_s * apart_hz / 2216.5e6, abs=1e-6)
     assert got.sigma_m == pytest.approx(C_M_S * got.count_s * 0.5 / 2216.5e6, rel=1e-15)
-    with pytest.raises(FileFormatError, match=r"needs TRANSMIT_FREQ_1 of Orion; .* transmit_hz under"):
+    with pytest.raises(FileFormatError, match=r"TRANSMIT_FREQ_1.*Orion;.*transmit_hz"):
         read_observations(files[1:])
 
 

@@ -88,7 +88,7 @@ def test_other_rows_stay_in_their_places():
 
 
 def test_an_interval_that_is_no_multiple():
-    with pytest.raises(InputError, match=r"expected a multiple of the count interval 1 s .* got 2\.5 s"):
+    with pytest.raises(InputError, match=r"1.*2\.5"):
         with_averaged_counts(counts([0.0, 1.0, 2.0]), 2.5)
 
 
@@ -112,5 +112,5 @@ def test_a_schedule_plans_its_counts(study_of, tmp_path):
         '[simulation.sessions.day]\nkind = "doppler"\nstations = ["KASHI"]\ncount_s = 10\nstep_s = 10\nsigma_m = 1e-3\n'
         "start = 2020-12-02T14:00:00\nstop = 2020-12-02T15:00:00\n"
     )
-    with pytest.raises(InputError, match=r"doppler_average_s is of files; .* give count_s in the sessions"):
+    with pytest.raises(InputError, match=r"doppler_average_s.*count_s"):
         study_of(read_study(path))

@@ -121,7 +121,7 @@ def test_stated_positions_that_cannot_be(tmp_path, text, problem):
 
 
 def test_a_target_is_named_of_several_only(table):
-    with pytest.raises(InputError, match="expected a solution of several targets"):
+    with pytest.raises(InputError, match="several targets"):
         compare(table, target="lander")
 
 
@@ -142,9 +142,9 @@ def test_other_files_frames_and_references_are_refused(table, tmp_path, capsys):
     assert f"{text}, line 1: is neither a solution.json nor an arcs.json" in capsys.readouterr().err
     second = solution("other", (0.0, 0.0, 0.0))
     second["position"]["me"]["frame"] = "ME_DE440"
-    with pytest.raises(InputError, match="use one ephemeris for all"):
+    with pytest.raises(InputError, match="one ephemeris"):
         compare([table[0], written(tmp_path / "other", second)])
     with pytest.raises(InputError, match=r"expected .* got int"):
         compare([3])
-    with pytest.raises(InputError, match=r"expected one of Image matching.* got 'LOLA'"):
+    with pytest.raises(InputError, match=r"Image matching.*'LOLA'"):
         compare(table, "LOLA")

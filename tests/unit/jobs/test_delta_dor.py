@@ -154,7 +154,7 @@ def test_a_quasar_in_a_message(sources, tmp_path):
     )
     solution = radioloc.compute_residuals(held)
     assert set(solution.residuals.paths.present()) == {"SESHAN25<lander>KUNMING", "SESHAN25<0716+332>KUNMING"}
-    with pytest.raises(InputError, match=r"if one is a quasar, .*: \[model\] sources"):
+    with pytest.raises(InputError, match=r": \[model\]"):
         radioloc.compute_residuals(replace(held, model=ModelChoice()))
 
 

@@ -247,7 +247,7 @@ def test_model_of_the_caller_replaces_that_of_the_study(thinned, near15, model):
 def test_far_side_is_refused_in_words(apollo15):
     far_side = LunarPosition.from_selenographic(178.0, 26.0, 0.0)
     held = radioloc.study.EstimateChoice(position="none", range_bias="all")
-    with pytest.raises(InputError, match=r"all 153 are rejected.* deg below the target's horizon"):
+    with pytest.raises(InputError, match=r"153.*rejected.*target's"):
         radioloc.locate(Study(target=far_side, estimate=held), apollo15)
     fitted = radioloc.compute_residuals(Study(target=far_side), apollo15)
     assert fitted.fit.total.used == 0
@@ -266,13 +266,13 @@ def test_a_search_and_a_fit_come_home_from_the_far_side(apollo15, near15):
 def test_below_the_stations_horizon_is_rejected_with_the_reason(apollo15, near15):
     # Half a day later the Moon is on the other side of the Earth.
     epoch = radioloc.Epochs.from_jd(apollo15.epoch.jd, apollo15.epoch.fraction + 0.5, "UTC")
-    with pytest.raises(InputError, match=r"no observations left: all \d+ are rejected.*below the horizon"):
+    with pytest.raises(InputError, match=r"\d+.*rejected.*below"):
         fit(replace(apollo15, epoch=epoch).select(slice(5)), near15)
 
 
 def test_position_of_another_ephemeris_is_refused(apollo15, near15):
     other_place = LunarPosition.from_cartesian(near15.xyz_m, "PA_DE430")
-    with pytest.raises(InputError, match=r"^\[target\] frame: .*PA_DE421 or ME_DE421.*PA_DE430"):
+    with pytest.raises(InputError, match=r"^\[target\].*PA_DE421.*ME_DE421.*PA_DE430"):
         fit(apollo15, other_place)
     positions = radioloc.study.Reference(other_place, "other")
     for changes, table in (

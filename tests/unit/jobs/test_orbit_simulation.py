@@ -290,5 +290,5 @@ def test_errors_of_gravity_are_drawn_beside_the_noise(scene):
     )
     assert np.ptp(drawn.drawn_m) > 100.0 * SIGMA_M
     assert "gravity_errors" in scenario.truth_sigma.keys
-    with pytest.raises(InputError, match="gravity_errors: expected a whole number"):
+    with pytest.raises(InputError, match="gravity_errors:"):
         TruthSigma(gravity_errors=-1)

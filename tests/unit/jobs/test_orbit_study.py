@@ -71,7 +71,7 @@ def test_a_fit_starts_from_an_orbit_that_meets_the_ground(forces, doppler):
 
 @pytest.mark.parametrize(("job", "part"), [("compute_residuals", 0.015), ("locate", 0.1)])
 def test_an_orbit_that_ends_or_is_too_deep_below_the_ground_is_refused(forces, doppler, job, part):
-    with pytest.raises(InputError, match="craft meets the ground of the Moon"):
+    with pytest.raises(InputError, match="ground of the Moon"):
         getattr(radioloc, job)(study_of(forces, off=slower(part)), doppler)
 
 
@@ -320,7 +320,7 @@ def test_a_study_file_gives_the_state_by_elements(tmp_path, model, form, axes):
     path.write_text("\n".join(selected))
     np.testing.assert_allclose(radioloc.read_study(path).target.state, STATE, rtol=0, atol=1e-7)
     path.write_text("\n".join(selected).replace(f'axes = "{axes}"', 'axes = "icrf"'))
-    with pytest.raises(InputError, match=r"\[target\] axes must be one of \"equator\", \"ICRF\", not 'icrf'"):
+    with pytest.raises(InputError, match=r"\[target\].*\"equator\", \"ICRF\".*'icrf'"):
         radioloc.read_study(path)
 
 

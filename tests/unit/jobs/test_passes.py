@@ -83,7 +83,7 @@ def test_of_data_the_stations_and_the_span_are_those_of_the_observations():
 def test_what_cannot_be_searched(plan):
     with pytest.raises(StationError, match="NOPE"):
         visibility(plan, ["NOPE"])
-    with pytest.raises(InputError, match="stop_utc: expected an epoch after the start"):
+    with pytest.raises(InputError, match="stop_utc:"):
         visibility(plan, start_utc="2020-12-05")
-    with pytest.raises(InputError, match="expected -90 to 90 deg"):
+    with pytest.raises(InputError, match=r"-90.*90"):
         visibility(plan, mask_deg=100.0)

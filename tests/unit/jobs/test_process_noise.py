@@ -151,12 +151,12 @@ def test_without_process_noise_there_is_none(model, forces):
 
 def test_what_cannot_be_with_process_noise_is_refused(forces, doppler):
     study = study_of(forces, process_noise=NOISE)
-    with pytest.raises(InputError, match="process_noise needs a sigma above zero"):
+    with pytest.raises(InputError, match="process_noise"):
         ProcessNoise(interval_s=600.0)
     with pytest.raises(InputError, match=r"leave .* doppler_phase_sigma_m out"):
         replace(study, observations=replace(study.observations, doppler_phase_sigma_m=0.001))
     short = replace(NOISE, interval_s=100.0)
-    with pytest.raises(InputError, match="too short for counts of 60 s; give 130 or more"):
+    with pytest.raises(InputError, match=r"60.*130"):
         radioloc.locate(study_of(forces, process_noise=short), doppler[0])
 
 

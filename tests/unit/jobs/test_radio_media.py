@@ -76,7 +76,7 @@ def test_notes_and_provenance_say_where_the_air_comes_from(read):
 
 
 def test_missing_epochs_stations_or_maps_are_errors(read):
-    with pytest.raises(CoverageError, match=r"line 1: .* VMF3 of URUMQI"):
+    with pytest.raises(CoverageError, match=r"1:.*VMF3.*URUMQI"):
         radioloc.compute_residuals(read(), delays("2020-12-03T15:00:00"))
     with pytest.raises(InputError, match=r"station KUNMING"):
         radioloc.compute_residuals(read(), delays(first="KUNMING"))

@@ -95,7 +95,7 @@ def test_sigmas_of_vlbi_stations_by_name():
     np.testing.assert_allclose(solution, expected, rtol=0.0, atol=1e-10)
     with pytest.raises(InputError, match=r"vlbi_station_sigma_m.*ATLANTIS"):
         covariance_m2(arc, vlbi_station_sigma_m={"ATLANTIS": 1.0})
-    with pytest.raises(InputError, match=r"vlbi_station_sigma_m\.URUMQI must not be negative"):
+    with pytest.raises(InputError, match=r"vlbi_station_sigma_m\.URUMQI"):
         ObservationChoice(vlbi_station_sigma_m={"URUMQI": -1.0})
 
 

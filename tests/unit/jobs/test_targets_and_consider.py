@@ -98,7 +98,7 @@ def test_a_lander_and_its_rover(folder):
     on_the_moon = np.linalg.eigvalsh(solution.of_target("rover").position_covariance("pa", "scaled"))
     assert (eigenvalues[:2] < 0.3**2 * on_the_moon[:2]).all()
     assert set(solution.biases()) == {"KASHI>lander>KASHI", "JIAMUSI>lander>KASHI"}
-    with pytest.raises(InputError, match="target: expected one of lander, rover"):
+    with pytest.raises(InputError, match="target:"):
         solution.of_target("orbiter")
 
 
@@ -117,7 +117,7 @@ def test_arcs_show_all_targets_each_beside_its_longest(folder, tmp_path):
 
 def test_solutions_of_several_targets_are_compared_by_the_one_that_is_named(folder, tmp_path, capsys):
     path = radioloc.write_report(tmp_path, radioloc.locate(study(folder)))[0]
-    with pytest.raises(InputError, match=r"solution.json: expected .*lander, rover.*got none.*--target"):
+    with pytest.raises(InputError, match=r"solution.json:.*lander, rover.*got none"):
         compare([path])
     with pytest.raises(InputError, match="got 'orbiter'"):
         compare([path], target="orbiter")

@@ -125,10 +125,10 @@ def test_what_does_not_go_with_a_trajectory(folder, target, estimate, extra, mes
 
 
 def test_another_body_and_arcs_are_refused(folder):
-    with pytest.raises(KernelError, match=r"no body with the NAIF code -86; it holds -85"):
+    with pytest.raises(KernelError, match=r"NAIF.*-86.*-85"):
         radioloc.read_study(study_file(folder, 'trajectory = "orbiter.bsp"\nbody = -86'))
     study = radioloc.read_study(study_file(folder))
-    with pytest.raises(InputError, match="an arc-length study compares positions"):
+    with pytest.raises(InputError, match="arc-length"):
         radioloc.arcs(study, [6.0])
 
 
@@ -167,5 +167,5 @@ def test_observations_outside_the_trajectory_name_file_and_line(folder, tmp_path
     (folder / "late.csv").write_text(text)
     path = study_file(folder)
     path.write_text(path.read_text().replace("ranges.csv", "late.csv"))
-    with pytest.raises(CoverageError, match=r"late\.csv, line \d+: .*orbiter\.bsp .*covers"):
+    with pytest.raises(CoverageError, match=r"late\.csv.*\d+:.*orbiter\.bsp.*covers"):
         radioloc.compute_residuals(radioloc.read_study(path))

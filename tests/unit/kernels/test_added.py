@@ -54,7 +54,7 @@ def test_one_that_changed_is_refused_and_told(folder, de430, capsys):
     content = bytearray(entry.path.read_bytes())
     content[-2000] ^= 1
     entry.path.write_bytes(content)
-    with pytest.raises(KernelError, match="not the file that was added; add it again"):
+    with pytest.raises(KernelError, match="file that was added"):
         open_kernel("mine.bsp", "SPK")
     assert main(["kernels", "verify", "--json"]) == 3
     problems = {row["name"]: row["problem"] for row in json.loads(capsys.readouterr().out)}

@@ -55,21 +55,21 @@ def test_a_flipped_byte_in_a_kernel_that_ships(tmp_path, offset):
     data = bytearray(PCK_BYTES)
     data[offset] ^= 0x10
     path = written(tmp_path, data, PCK_PATH.name)
-    with pytest.raises(KernelError, match=r"de421_1969_2050\.bpc \(spanning 1969-01-01 to 2050-01") as caught:
+    with pytest.raises(KernelError, match=r"de421_1969_2050\.bpc \(spanning 1969-01-01.*2050-01") as caught:
         open_pck(path)
     assert sha256_of(path) in str(caught.value)
 
 
 def test_wrong_kinds(tmp_path):
-    with pytest.raises(KernelError, match=r"binary PCK \(orientation\), but a SPK"):
+    with pytest.raises(KernelError, match=r"PCK \(orientation\).*SPK"):
         open_spk(PCK_PATH)
-    with pytest.raises(KernelError, match=r"SPK \(positions\), but a binary PCK"):
+    with pytest.raises(KernelError, match=r"SPK \(positions\).*PCK"):
         open_pck(SPK_PATH)
-    with pytest.raises(KernelError, match="not a SPICE binary kernel"):
+    with pytest.raises(KernelError, match="SPICE"):
         open_spk(written(tmp_path, b"KPL/FK\n\\begindata\n" * 100, "text.tf"))
     with pytest.raises(KernelError, match="is empty"):
         open_spk(written(tmp_path, b"", "empty.bsp"))
-    with pytest.raises(KernelError, match="is a directory; give a kernel file in it"):
+    with pytest.raises(KernelError, match="is a directory"):
         open_spk(tmp_path)
 
 
@@ -122,7 +122,7 @@ def test_damage_to_a_file_of_ones_own(tmp_path, offset, layout, values, message)
 
 def test_missing_body_names_file_span_and_what_there_is():
     kernel = open_spk("DE421")
-    with pytest.raises(KernelError, match=r"de421_1969_2050\.bsp \(spanning .* 4 relative to 0"):
+    with pytest.raises(KernelError, match=r"de421_1969_2050\.bsp \(spanning.*4.*0"):
         kernel.segments_of(4, 0)[-1]
     held = {(segment.target, segment.center) for segment in kernel.segments}
     assert (301, 3) in held

@@ -207,7 +207,7 @@ def test_views_of_cylindrical_maps_show_all_that_these_have(tmp_path, name, redu
 def test_maps_refused(tmp_path):
     content = write_map(tmp_path / "b.tif", PROJECTIONS["Mercator"]).read_bytes()
     (tmp_path / "b.tif").write_bytes(content[: len(content) // 2])
-    with pytest.raises(FileFormatError, match=r"b\.tif: pixels could not be read"):
+    with pytest.raises(FileFormatError, match=r"b\.tif:"):
         Map.open(tmp_path / "b.tif").view(TangentPlane(*SITE), -3e3, 3e3, 30.0, (200, 200))
     with pytest.raises(InputError, match="make pixel_m larger"):
         Map.open(write_map(tmp_path / "c.tif", PROJECTIONS["Mercator"])).view(

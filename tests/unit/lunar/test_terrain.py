@@ -138,7 +138,7 @@ def test_void_names_the_point(tmp_path, void, kwargs):
     values = SLOPING.copy()
     values[5, 12] = void
     model = TerrainModel.open(write(tmp_path / "a.tif", values, EQC, SMALL, **kwargs))
-    with pytest.raises(InputError, match=r"void in the cells around longitude 1\.100000, latitude 2\.200000"):
+    with pytest.raises(InputError, match=r"1\.100000.*2\.200000"):
         model.height_m(*degrees((1.1, 2.2)))
     with pytest.raises(InputError, match="void"):
         model.roughness_m(*degrees((1.6, 2.7)))
@@ -150,7 +150,7 @@ def test_value_that_no_terrain_has_is_refused_where_it_is_met(tmp_path):
     values[103, 101] = -32767.0  # not among the cells sampled on opening
     affine = Affine(CELL_M, 0, -100 * CELL_M, 0, -CELL_M, 100 * CELL_M)
     model = TerrainModel.open(write(tmp_path / "a.tif", values, EQC, affine))
-    with pytest.raises(InputError, match=r"height of -32767 m around longitude 0\.600000"):
+    with pytest.raises(InputError, match=r"-32767.*0\.600000"):
         model.height_m(*degrees((0.6, -1.6)))
 
 

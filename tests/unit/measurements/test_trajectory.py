@@ -133,12 +133,12 @@ def test_reasons_name_the_moon_and_the_horizon(model, orbiter):
 
 def test_epochs_outside_the_trajectory_name_file_and_span(model, folder, orbiter):
     late = tracking("KASHI>x>KASHI", epochs_tai(3, 60.0))
-    with pytest.raises(CoverageError, match=r"orbiter\.bsp \(.* -85\) covers 2020-12-02 to 2020-12-03T12"):
+    with pytest.raises(CoverageError, match=r"orbiter\.bsp \(.*-85\).*2020-12-02.*2020-12-03T12"):
         ExactPredictor(model, late, orbiter)
     spans = ((START_S, START_S + 3600.0), (START_S + 7200.0, START_S + 36000.0))
     file = write_states(folder / "gap.bsp", low_lunar_orbit(model.ephemeris), spans_s=spans)
     in_gap = tracking("KASHI>x>KASHI", epochs_tai(2, 1.0).shifted(1800.0))
-    with pytest.raises(CoverageError, match=r"gaps \(2020-12-02 to 2020-12-02T01:00:00, 2020-12-02T02:00"):
+    with pytest.raises(CoverageError, match=r"\(2020-12-02.*2020-12-02T01:00:00, 2020-12-02T02:00"):
         ExactPredictor(model, in_gap, Trajectory.open(file, ORBITER))
 
 

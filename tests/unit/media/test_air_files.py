@@ -67,7 +67,7 @@ def test_days_join_in_any_order_and_gzip(sites: Path, tmp_path: Path) -> None:
         )
         == 2
     )
-    with pytest.raises(CoverageError, match=r"12.0 h UTC and from 2024-01-02 00.0 h"):
+    with pytest.raises(CoverageError, match=r"12.0.*UTC.*2024-01-02 00.0"):
         series.values_at(epochs_from_strings(["2024-01-01T12:00:01"], "UTC"))
 
 
@@ -176,7 +176,7 @@ def test_damaged_map(tmp_path: Path, text: str, line: int | None, words: str) ->
 
 def test_inconsistent_maps(tmp_path: Path, maps: tuple[list[Path], Path]) -> None:
     paths, orography = maps
-    with pytest.raises(FileFormatError, match=r"MJD 60310.25, as in .*H06"):
+    with pytest.raises(FileFormatError, match=r"MJD 60310.25.*H06"):
         read_vmf3_grids([paths[0], paths[0]], orography)
     regional = written(tmp_path / "VMF3.H12", "".join(vmf3_map_text(12).splitlines(keepends=True)[:-1]))
     with pytest.raises(FileFormatError, match="got other points"):

@@ -154,7 +154,7 @@ def test_epochs_without_a_card_are_an_error(time, calibrations):
 def test_cards_of_several_spacecraft_need_a_number(calibrations):
     other_cards = ION.replace("0.7048", "0.1").replace("SCID(177)", "SCID(85)")
     noon = utc("08:11:00")
-    with pytest.raises(InputError, match=r"csp_scid: expected 85 or 177"):
+    with pytest.raises(InputError, match=r"csp_scid:.*85.*177"):
         calibrations(ION, other_cards)
     assert calibrations(ION, other_cards, scid=177).charged_delay(DSS_24, noon, phase=True)[
         0

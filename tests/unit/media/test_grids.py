@@ -49,7 +49,7 @@ def test_edges_of_regional_maps() -> None:
     assert interpolate(grid, values, 40.0, 20.0) == pytest.approx(11.0, abs=1e-9)
     assert interpolate(grid, values, 45.0, 375.0) == pytest.approx(8.5, abs=1e-9)
     for place in ((50.0, 21.0), (50.0, -11.0), (39.9, 0.0), (60.1, 0.0), (np.nan, 0.0), (50.0, np.nan)):
-        with pytest.raises(InputError, match=r"latitude of 40 to 60"):
+        with pytest.raises(InputError, match=r"40.*60"):
             grid.corners(*np.deg2rad(place))
 
 
@@ -77,5 +77,5 @@ def test_sorts_points_in_any_order() -> None:
     np.testing.assert_allclose(grid.longitudes_deg, CENTRES)
     np.testing.assert_array_equal(values[shuffled][order], values.reshape(36, 72))
     for points in (shuffled[1:], np.append(shuffled, shuffled[0])):
-        with pytest.raises(InputError, match="36 latitudes and 72 longitudes"):
+        with pytest.raises(InputError, match=r"36.*72"):
             sort_into_grid(latitude[points], longitude[points], "a map")

@@ -150,7 +150,7 @@ def test_missing_values(tmp_path: Path) -> None:
 def test_epochs_and_places_outside_of_the_maps(maps, tmp_path: Path) -> None:
     read = maps(flat)
     for date in ("2019-01-14T23:59:59", "2019-01-15T06:00:01"):
-        with pytest.raises(CoverageError, match=r"covers 2019-01-15 00\.0 h UTC"):
+        with pytest.raises(CoverageError, match=r"2019-01-15 00\.0.*UTC"):
             read.vertical_tec(0.0, 0.0, epochs_from_strings([date], "UTC"))
     with pytest.raises(InputError, match=r"-87\.5 to 87\.5"):
         read.vertical_tec(1.55, 0.0, epochs_from_strings(["2019-01-15"], "UTC"))
@@ -161,7 +161,7 @@ def test_epochs_and_places_outside_of_the_maps(maps, tmp_path: Path) -> None:
     assert gap.vertical_tec(0.0, 0.0, epochs_from_strings(["2019-01-17T01:00:00"], "UTC"))[
         0
     ] == pytest.approx(89.0, abs=0.1)
-    with pytest.raises(CoverageError, match=r"06\.0 h UTC and from 2019-01-17"):
+    with pytest.raises(CoverageError, match=r"06\.0.*UTC.*2019-01-17"):
         gap.vertical_tec(0.0, 0.0, epochs_from_strings(["2019-01-16"], "UTC"))
 
 

@@ -84,5 +84,5 @@ def test_impossible_weather_is_an_error(recorded, words):
 def test_station_above_the_atmosphere_is_an_error():
     legs = end(1)
     station = dataclasses.replace(legs.stations[0], itrf_m=legs.stations[0].itrf_m * 1.0013)
-    with pytest.raises(InputError, match=r"KASHI: .* -500 to 9000 m"):
+    with pytest.raises(InputError, match=r"KASHI:.*-500.*9000"):
         Troposphere().prepare(dataclasses.replace(legs, stations=[station]))

@@ -171,5 +171,5 @@ def test_a_term_of_another_package_is_filtered():
 
 
 def test_terms_of_different_lengths_are_refused():
-    with pytest.raises(InputError, match="expected equal numbers of observations"):
+    with pytest.raises(InputError, match="equal numbers"):
         ObservationCovariance((WHITE, White(np.ones(3))))

@@ -148,7 +148,7 @@ def test_estimated_members_are_not_considered(tracked):
 def test_names_and_sigmas_are_checked(tracked):
     with pytest.raises(StationError, match="not in the catalogue"):
         sigmas(tracked, {"clock_sigma_s": {"NOWHERE": 1e-9}})
-    with pytest.raises(InputError, match="clock_rate_sigma_s_s of KASHI is missing"):
+    with pytest.raises(InputError, match=r"clock_rate_sigma_s_s.*KASHI"):
         sigmas(tracked, {"clock_rate": ["KASHI"]})
 
 
@@ -156,5 +156,5 @@ def test_sigma_of_a_station_in_the_catalogue(model):
     catalogue = model.catalogue.with_station(replace(model.catalogue.get("KASHI"), sigma_m=0.3))
     result, _ = sigmas(arc(PhysicalModel.build(catalogue=catalogue)))
     assert result["station_position"]["KASHI"] == 0.3
-    with pytest.raises(StationError, match="sigma_m must be above zero"):
+    with pytest.raises(StationError, match="sigma_m"):
         replace(model.catalogue.get("KASHI"), sigma_m=0.0)

@@ -102,11 +102,9 @@ def test_failing_functions_of_a_kind_are_named():
     arc = arc_of("2020-12-01T15:00:00")
     groups = ("KASHI",), ("KASHI",), (None,), np.array([0, -1], np.int32)
     columns = Columns(replace(RANGE_BIAS, partials=fails), Scope.STATION, *groups)
-    with pytest.raises(InputError, match=r"range_bias cannot be used: partials .* IndexError: index 7"):
+    with pytest.raises(InputError, match=r"range_bias.*IndexError:.*7"):
         columns.design(ObservationRows(arc))
-    with pytest.raises(InputError, match="range_bias cannot be used: acts_on fails with IndexError: index 7"):
+    with pytest.raises(InputError, match=r"range_bias.*acts_on.*IndexError:.*7"):
         members(replace(RANGE_BIAS, acts_on=fails), Scope.STATION, arc)
-    with pytest.raises(
-        InputError, match=r"acts_on of range_bias: expected the shape \(1, ends\) .* got \(1,\)"
-    ):
+    with pytest.raises(InputError, match=r"acts_on.*range_bias:.*\(1, ends\).*\(1,\)"):
         members(replace(RANGE_BIAS, acts_on=lambda rows: np.ones(len(rows), bool)), Scope.STATION, arc)

@@ -89,7 +89,7 @@ def test_names_are_drawn_as_they_are_written(solution, name, settings, tmp_path)
 
 def test_characters_without_glyphs_give_one_warning(solution, tmp_path):
     figure = plot_position(replace(solution, reference=replace(solution.reference, name="嫦娥五号")))
-    with pytest.warns(FontWarning, match="lacks 4 characters, such as '嫦'") as caught:
+    with pytest.warns(FontWarning, match=r"4.*'嫦'") as caught:
         save_figure(figure, [tmp_path / "position.png", tmp_path / "position.svg"])
     assert len(caught) == 1
 
@@ -120,7 +120,7 @@ def test_all_references_are_drawn_about_the_first(solution):
 
 
 def test_formats_that_cannot_be_written_are_refused(solution, tmp_path):
-    with pytest.raises(InputError, match="cannot be written as 'docx'"):
+    with pytest.raises(InputError, match="'docx'"):
         save_figure(plot_position(solution), tmp_path / "position.docx")
 
 

@@ -211,7 +211,7 @@ def test_tables(solution):
     frame = solution.to_table(form="pandas")
     assert frame["residual_m"].tolist() == solution.residuals.residual_m.tolist()
     assert solution.to_table("parameters", "pandas")["value"].tolist() == solution.values.tolist()
-    with pytest.raises(InputError, match="table: expected residuals or parameters, got 'other'"):
+    with pytest.raises(InputError, match="'other'"):
         solution.to_table("other")
 
 
@@ -234,9 +234,9 @@ def test_the_position_as_a_point_on_the_moon(solution):
 
 
 def test_unknown_axes_and_levels_are_refused(solution):
-    with pytest.raises(InputError, match=r"axes: expected enu, .*, got 'ned'"):
+    with pytest.raises(InputError, match=r"'ned'"):
         solution.position_covariance("ned")
-    with pytest.raises(InputError, match=r"level: expected total, .*, got 'best'"):
+    with pytest.raises(InputError, match=r"'best'"):
         solution.position_covariance("enu", "best")
 
 

@@ -147,9 +147,9 @@ def test_invalid_truths_are_refused(schedule, lander, model):
         Truth(clock_s=5.0)
     with pytest.raises(InputError, match=r"station_position_m: .* got -300.0"):
         Truth(station_position_m={"KASHI": (0.0, -300.0, 0.0)})
-    with pytest.raises(InputError, match=r"ut1_s: expected a sigma .* got -1.0"):
+    with pytest.raises(InputError, match=r"ut1_s:.*-1.0"):
         TruthSigma(ut1_s=-1.0)
-    with pytest.raises(InputError, match=r"'range_bias': .*; did you mean 'range_bias_m'"):
+    with pytest.raises(InputError, match=r"'range_bias':.*'range_bias_m'"):
         Truth(range_bias="all")
     with pytest.raises(InputError, match="got 'shapira'"):
         Truth(terms_off=["shapira"])

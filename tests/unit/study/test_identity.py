@@ -93,7 +93,7 @@ def test_calibrations_of_another_spacecraft_need_its_number(tmp_path):
     (tmp_path / "cards.ion").write_text(ION.format(181))
     cards = read_csp(tmp_path / "cards.ion")
     assert doubts("sc181", cards) == doubts("GRAIL-B", cards) == []
-    with pytest.raises(InputError, match=r"calibrations are of .* 181, but the tracking is of sc177"):
+    with pytest.raises(InputError, match=r"181.*sc177"):
         doubts("sc177", cards)
     [note] = doubts("sc177", cards, model=ModelChoice(csp=(tmp_path / "cards.ion",), csp_scid=181))
     assert "csp_scid" in note

@@ -351,16 +351,16 @@ def test_an_impossible_map_position_is_one_clear_error(file, place, problem, cap
 
 def test_a_trajectory_has_no_map_position(radio):
     orbiter = radioloc.read_study(EXAMPLE.parent / "orbiter" / "orbiter.toml")
-    with pytest.raises(InputError, match=r"map_positions.* belongs to a position on the Moon"):
+    with pytest.raises(InputError, match=r"map_positions.*Moon"):
         replace(orbiter, observations=replace(orbiter.observations, map_positions=[number()]))
 
 
 def test_a_solution_of_images_among_the_files_of_tracking_is_an_error(tmp_path):
-    with pytest.raises(InputError, match=r"solution of images .* \[\[observations.map_positions\]\]"):
+    with pytest.raises(InputError, match=r"\[\[observations.map_positions\]\]"):
         radioloc.read_observations(solved(tmp_path))
 
 
 def test_a_solution_that_did_not_converge_is_refused(tmp_path):
     path = solved(tmp_path, converged=False, message="the last image is unmatched")
-    with pytest.raises(InputError, match="did not converge: the last image is unmatched"):
+    with pytest.raises(InputError, match="last image is unmatched"):
         PlaceOnMap(solution=path)

@@ -106,7 +106,7 @@ def test_wrong_types_are_named(kind, value, message):
 
 @pytest.mark.parametrize("value", [3, "x", [{}], True])
 def test_table_must_be_one(value):
-    with pytest.raises(InputError, match=r"^a.toml: \[record.key\] must be a table, not "):
+    with pytest.raises(InputError, match=r"\[record.key\]"):
         table(key=value).get("key", Inner)
 
 
@@ -139,7 +139,7 @@ def test_errors_of_built_records_name_the_table():
         return a, b
 
     assert table().build(make, a=1, b=None) == (1, 7)
-    with pytest.raises(InputError, match=r"^a.toml: \[record\] a is 8$"):
+    with pytest.raises(InputError, match=r"\[record\].*8$"):
         table().build(make, a=8)
 
 

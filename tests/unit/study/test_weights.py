@@ -83,7 +83,7 @@ def test_invalid_entries_are_refused(fields, words):
 
 def test_a_noise_of_a_station_without_observations_is_an_error():
     require_stations(observations(), "vlbi_station_sigma_m", ["SESHAN25", "KASHI"], CATALOGUE)
-    with pytest.raises(InputError, match=r"vlbi_station_sigma_m: .* by URUMQI; .* by JIAMUSI, KASHI"):
+    with pytest.raises(InputError, match=r"vlbi_station_sigma_m:.*URUMQI;.*JIAMUSI, KASHI"):
         require_stations(observations(), "vlbi_station_sigma_m", ["URUMQI"], CATALOGUE)
     with pytest.raises(InputError, match=r"vlbi_station_sigma_m: .*ATLANTIS"):
         require_stations(observations(), "vlbi_station_sigma_m", ["ATLANTIS"], CATALOGUE)

@@ -50,9 +50,9 @@ def test_utc_has_no_seconds_between_epochs():
         utc.shifted(1.0)
     with pytest.raises(InputError, match="TAI first"):
         utc.seconds_since(utc)
-    with pytest.raises(InputError, match="UTC are needed here, but TT"):
+    with pytest.raises(InputError, match=r"UTC.*TT"):
         Epochs.from_jd(2459185.5, 0.0, "TT").require("UTC")
-    with pytest.raises(InputError, match="TT are needed here, but TDB"):
+    with pytest.raises(InputError, match=r"TT.*TDB"):
         Epochs.from_jd(2459185.5, 0.0, "TDB").seconds_since(Epochs.from_jd(2459185.5, 0.0, "TT"))
 
 

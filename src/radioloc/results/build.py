@@ -57,9 +57,6 @@ def build_solution(
     fit = edited.fit
     statuses = [fit.status if edited.complete else FitStatus.UNSETTLED, *(doubt.status for doubt in doubts)]
     types, paths = Labels.of(type), Labels.of(path)
-    if order is None:
-        order = SeriesOrder.of(types, paths, seconds_since_midnight(epoch_utc))
-    runs = outlier_runs(edited, order)
     residuals = Residuals(
         epoch_utc=epoch_utc,
         stations=Labels.of(station),
@@ -70,8 +67,12 @@ def build_solution(
         sigma_m=fit.sigma_m,
         elevation_deg=elevation_deg,
         count_s=count_s,
-        statuses=with_reasons(edited.status, run_reasons(edited, runs)),
+        statuses=edited.status,
     )
+    if order is None:
+        order = SeriesOrder.of(types, paths, seconds_since_midnight(epoch_utc))
+    runs = outlier_runs(edited, order)
+    residuals = replace(residuals, statuses=with_reasons(edited.status, run_reasons(edited, runs)))
     covariance, correlation = estimated_covariance(edited, order)
     estimate = reported(fit, covariance, considered)
     if correlation is not None:

@@ -18,6 +18,7 @@ if TYPE_CHECKING:  # imported on first use
     from radioloc.earth import StationCatalogue
     from radioloc.errors import RadiolocError
     from radioloc.io import read_observations, write_observations
+    from radioloc.jobs.accuracy_map import accuracy_map
     from radioloc.jobs.arcs import arcs, leave_one_out
     from radioloc.jobs.comparison import compare
     from radioloc.jobs.covariance import covariance
@@ -43,6 +44,7 @@ __all__ = [
     "StationCatalogue",
     "Study",
     "__version__",
+    "accuracy_map",
     "arcs",
     "compare",
     "compute_residuals",
@@ -70,6 +72,7 @@ __getattr__, __dir__ = _lazy_exports(
         "earth": "StationCatalogue",
         "errors": "RadiolocError",
         "io": "read_observations write_observations",
+        "jobs.accuracy_map": "accuracy_map",
         "jobs.arcs": "arcs leave_one_out",
         "jobs.comparison": "compare",
         "jobs.covariance": "covariance",

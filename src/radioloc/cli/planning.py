@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import radioloc
 from radioloc.cli.command import JSON, SIMULATED_STUDY, argument, command, flag, output_folder
@@ -11,6 +13,10 @@ from radioloc.cli.files import MESSAGE, observation_file
 from radioloc.cli.fitting import ARC_HOURS
 from radioloc.cli.output import DONE, INTERRUPTED, complain, exit_status, finish, tell
 
+if TYPE_CHECKING:
+    from radioloc.study import Study
+
+_WORKERS = argument("--workers N", "processes (default: one for each core with 50 trials or sites)", int)
 _SEED = argument("--seed N", "seed of the random numbers (default: the one in the study file)", int)
 
 
@@ -44,11 +50,7 @@ def simulate(options: argparse.Namespace) -> int:
     argument("--trials N", "number of trials (default: 1000)", int, default=1000),
     ARC_HOURS,
     _SEED,
-    argument(
-        "--workers N",
-        "processes to share the trials among (default: one for each core, if each has 50 trials or more)",
-        int,
-    ),
+    _WORKERS,
     *output_folder("write trials, summary and figures to DIR"),
     flag("--resume", "go on from the trials that are already in DIR"),
     flag("--full", "fit every trial with the whole model rather than its linearization; slow"),
@@ -93,8 +95,15 @@ def monte_carlo(options: argparse.Namespace) -> int:
         nargs="+",
     ),
     argument("--reach METRES", "say after how many hours the 95 %% error radius is this small", float),
+    argument("--grid DEG", "map the accuracy of landing sites at this distance over the near side", float),
+    argument("--region DEG", "edges of the map: WEST SOUTH EAST NORTH", float, nargs=4),
+    _WORKERS,
     *output_folder("write tables and a figure to DIR; of several plans, to a folder each"),
-    examples=("plan.toml --reach 150", "one.toml two.toml --hours 6 12 24 --out plans"),
+    examples=(
+        "plan.toml --reach 150",
+        "one.toml two.toml --hours 6 12 24 --out plans",
+        "plan.toml --grid 2 --out map",
+    ),
 )
 def covariance(options: argparse.Namespace) -> int:
     """Predict how well a tracking plan, or the epochs of existing data, determine the position; no trials."""
@@ -103,6 +112,8 @@ def covariance(options: argparse.Namespace) -> int:
     studies = [radioloc.read_study(path) for path in options.studies]
     if len({study.name for study in studies}) < len(studies):
         options.parser.error("expected study files of different names; rename one")
+    if options.grid is not None:
+        return _map(options, studies)
     plans = [radioloc.covariance(study, options.hours, reach_m=options.reach) for study in studies]
     if len(plans) == 1:
         return finish(options, plans[0])
@@ -112,3 +123,23 @@ def covariance(options: argparse.Namespace) -> int:
     card = "\n\n".join(map(str, [*plans, plans_card(plans)]))
     tell(options, card, lambda: [plan.to_dict() for plan in plans])
     return exit_status(options, *plans)
+
+
+def _map(options: argparse.Namespace, studies: Sequence[Study]) -> int:
+    """Map the accuracy of one plan over landing sites."""
+    from radioloc.jobs.accuracy_map import NEAR_SIDE_DEG
+    from radioloc.jobs.workers import usual_workers
+
+    if len(studies) > 1 or len(options.hours or ()) > 1 or options.reach is not None:
+        options.parser.error("--grid takes one study, at most one length and no --reach")
+    west, south, east, north = region_deg = options.region or NEAR_SIDE_DEG
+    sites = int((east - west) * (north - south) / max(options.grid, 1e-3) ** 2)
+    result = radioloc.accuracy_map(
+        studies[0],
+        options.grid,
+        region_deg=region_deg,
+        hours=options.hours[0] if options.hours else None,
+        workers=usual_workers(sites) if options.workers is None else options.workers,
+        progress=not options.quiet,
+    )
+    return finish(options, result)

@@ -114,10 +114,11 @@ def new_geotiff(
     shape: tuple[int, int],
     dtype: Any,
     nodata: float | None = None,
+    bands: int = 1,
 ) -> Any:
-    """Open a GeoTIFF of one band to be written by parts, in blocks of 512 cells."""
+    """Open a GeoTIFF to be written by parts, in blocks of 512 cells."""
     profile = {
-        "crs": crs, "transform": transform, "height": shape[0], "width": shape[1], "count": 1, "dtype": dtype,
+        "crs": crs, "transform": transform, "height": shape[0], "width": shape[1], "count": bands, "dtype": dtype,
         "nodata": nodata, "tiled": True, "blockxsize": _BLOCK_CELLS, "blockysize": _BLOCK_CELLS,
     }  # fmt: skip
     predictor = 3 if np.issubdtype(dtype, np.floating) else 2

@@ -17,7 +17,7 @@ from radioloc.report.error_figures import (
     plot_trials,
 )
 from radioloc.report.figures import NothingToDrawError
-from radioloc.report.map_figures import plot_map
+from radioloc.report.map_figures import plot_accuracy_map, plot_map
 from radioloc.report.position_figures import plot_arcs, plot_comparison, plot_position
 from radioloc.report.residual_figures import plot_distribution, plot_links, plot_residuals
 from radioloc.results.cards import BUDGET, OBSERVABILITY, POSITION, RESIDUALS, RESULT
@@ -190,6 +190,11 @@ FIGURES = Registry(
         ),
         FigureType("error_by_length", plot_error_by_length, "errors and claimed sigmas by length of the arc"),
         FigureType("covariance", plot_covariance, "sigmas by length of the arc, and what they are made of"),
+        FigureType(
+            "accuracy_map",
+            plot_accuracy_map,
+            "95 % radius of the position over landing sites, with the lunar graticule",
+        ),
         FigureType(
             "covariance_on_arc",
             plot_covariance_on_arc,

@@ -14,10 +14,12 @@ from numpy.typing import NDArray
 
 from radioloc.errors import InputError, require_type
 from radioloc.io.ccsds import write_orbit_oem, write_orbit_opm
+from radioloc.io.gis import CRS
 from radioloc.io.spice_kernels import write_orbit_spk
 from radioloc.io.table import batches_of, write_csv
 from radioloc.labels import Labels
 from radioloc.lunar import TerrainModel
+from radioloc.lunar.map_files import new_geotiff
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.registry import KINDS
@@ -28,9 +30,9 @@ from radioloc.report.map_figures import plot_map
 from radioloc.report.page import PAGE, write_html
 from radioloc.report.residual_figures import plot_terms
 from radioloc.results.registry import RESULTS, result_type
-from radioloc.results.result import Content, OrbitFile, Result, ResultType, Table
+from radioloc.results.result import Content, OrbitFile, Raster, Result, ResultType, Table
 from radioloc.results.solution import Solution
-from radioloc.text_files import TEMPORARY_FILES, disk_failed, locked, write_text
+from radioloc.text_files import TEMPORARY_FILES, disk_failed, locked, replaced_file, write_text
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -168,8 +170,23 @@ def write_content(path: Path, content: Content) -> None:
         write_csv(path, batches_of(content.columns, content.decimals))
     elif isinstance(content, OrbitFile):
         _write_orbit(content, path)
+    elif isinstance(content, Raster):
+        _write_raster(content, path)
     else:
         write_json(path, content)
+
+
+def _write_raster(content: Raster, path: Path) -> None:
+    from rasterio.transform import Affine
+
+    shape, step_deg = next(iter(content.bands.values())).shape, content.step_deg
+    transform = Affine(step_deg, 0.0, content.west_deg, 0.0, -step_deg, content.north_deg)
+    with replaced_file(path) as temporary:
+        file = new_geotiff(temporary, CRS, transform, shape, np.float64, np.nan, len(content.bands))
+        with file:
+            for number, (name, band) in enumerate(content.bands.items(), start=1):
+                file.write(band, number)
+                file.set_band_description(number, name)
 
 
 def _write_orbit(content: OrbitFile, path: Path) -> None:

@@ -18,12 +18,15 @@ from radioloc.lunar.terrain import TerrainModel
 from radioloc.quantities import accepts_quantities
 from radioloc.report.figures import (
     COLORS,
+    NothingToDrawError,
     draws_names_literally,
     legend_below,
     length_unit,
+    log_scale,
     one_panel,
 )
 from radioloc.report.position_figures import draw_place
+from radioloc.results.accuracy_map import AccuracyMap
 from radioloc.results.result import Result
 from radioloc.results.tables import (
     SolutionLike,
@@ -233,6 +236,49 @@ def _draw_scale(axes: Axes, reach: float, unit: str) -> None:
     axes.text(
         x - 0.5 * length, y + 0.03 * reach, f"{length:g} {unit}", ha="center", fontsize=8, path_effects=halo
     )
+
+
+def plot_accuracy_map(accuracy: AccuracyMap, ax: Axes | None = None) -> Figure:
+    """Draw the 95 % radius of each site, seen from the mean direction of the Earth, with the lunar graticule."""
+    if not accuracy.determined:
+        raise NothingToDrawError(f"{accuracy.name}: expected a site that is determined")
+    from matplotlib.colors import LogNorm
+
+    axes = one_panel(ax, 6.6, 6.0, f"{accuracy.name}, {accuracy.span_h:.1f} h")
+    half = 0.5 * accuracy.step_deg
+    edges = [np.append(accuracy.longitude_deg - half, accuracy.longitude_deg[-1] + half)]
+    edges.append(np.append(accuracy.latitude_deg + half, accuracy.latitude_deg[-1] - half))
+    longitude, latitude = np.radians(np.meshgrid(*edges))
+    # Cells of the far side are left out.
+    is_near = np.abs((accuracy.longitude_deg + 180.0) % 360.0 - 180.0) < 90.0
+    radius_m = np.where(np.isfinite(accuracy.radius_95_m) & is_near, accuracy.radius_95_m, np.nan)
+    cells = axes.pcolormesh(
+        np.cos(latitude) * np.sin(longitude),
+        np.sin(latitude),
+        radius_m,
+        norm=LogNorm(np.nanmin(radius_m), np.nanmax(radius_m)),
+        cmap="viridis_r",
+        rasterized=True,
+    )
+    turn = np.linspace(-0.5 * np.pi, 0.5 * np.pi, 121)
+    style: Any = {"color": "white", "linewidth": 0.5, "alpha": 0.7}
+    for angle in np.radians(np.arange(-90, 91, 30)):
+        axes.plot(np.sin(angle) * np.cos(turn), np.sin(turn), **style)
+        axes.plot(np.cos(angle) * np.sin(turn), np.full_like(turn, np.sin(angle)), **style)
+    for name, fraction, marker in (("best", 1.0, "^"), ("worst", 0.0, "v")):
+        row, column = accuracy.ranked(fraction)
+        longitude_rad, latitude_rad = np.radians([accuracy.longitude_deg[column], accuracy.latitude_deg[row]])
+        at = np.cos(latitude_rad) * np.sin(longitude_rad), np.sin(latitude_rad)
+        label = f"{name}, {accuracy.radius_95_m[row, column]:.3g} m"
+        axes.plot(*at, marker, color=COLORS[1], markeredgecolor="white", linestyle="none", label=label)
+    for latitude_deg in (-60, -30, 0, 30, 60):
+        at = -1.02 * math.cos(math.radians(latitude_deg)), math.sin(math.radians(latitude_deg))
+        axes.annotate(f"{latitude_deg}\N{DEGREE SIGN}", at, fontsize=7, ha="right", va="center")
+    axes.set_aspect("equal")
+    axes.axis("off")
+    log_scale(axes.figure.colorbar(cells, ax=axes, shrink=0.8, label="95 % radius, m").ax)
+    legend_below(axes, ax, 2)
+    return axes.figure  # type: ignore[return-value]
 
 
 def _draw_globe(around: Axes, plane: TangentPlane) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from radioloc.errors import InputError
 from radioloc.plugins import Registry
+from radioloc.results.accuracy_map import AccuracyMap
 from radioloc.results.comparison import Comparison
 from radioloc.results.covariance import CovarianceStudy
 from radioloc.results.monte_carlo import MonteCarlo
@@ -49,6 +50,12 @@ RESULTS = Registry(
             CovarianceStudy,
             ("covariance", "covariance_on_arc"),
             ("covariance.json", "covariance.csv", "covariance_[0-9]*.csv"),
+        ),
+        ResultType(
+            "accuracy_map",
+            AccuracyMap,
+            ("accuracy_map",),
+            ("accuracy_map.json", "accuracy_map.csv", "accuracy_map.tif"),
         ),
         ResultType("leave_one_out", LeaveOneOut, (), ("leave_one_out.json", "leave_one_out.csv")),
     ),

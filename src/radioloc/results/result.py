@@ -34,8 +34,18 @@ class OrbitFile:
     covariance: NDArray[np.float64] | None = None
 
 
-Content = str | Mapping[str, Any] | Table | OrbitFile
-"""Content of a file: text, a mapping for JSON, a table for CSV, or an orbit in the format of the file's ending."""
+@dataclass(frozen=True, slots=True)
+class Raster:
+    """Bands (k, m) of a GeoTIFF by name, in square cells of longitude and latitude on the sphere of 1737.4 km."""
+
+    bands: Mapping[str, NDArray[np.float64]]
+    west_deg: float
+    north_deg: float
+    step_deg: float
+
+
+Content = str | Mapping[str, Any] | Table | OrbitFile | Raster
+"""Content of a file: text, a mapping for JSON, a table for CSV, an orbit in the format of the ending, or a GeoTIFF."""
 
 
 class Result:

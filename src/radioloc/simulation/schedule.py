@@ -22,7 +22,7 @@ from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.registry import KINDS, MEASUREMENTS
 from radioloc.quantities import accepts_quantities, convert_fields
-from radioloc.simulation.visibility import AtInfinity, Masks, Target, is_visible
+from radioloc.simulation.visibility import AtInfinity, Masks, Sight, Target
 from radioloc.time import Epochs, epochs_from_strings, utc_to_tai, utc_to_tt
 from radioloc.units import set_fields
 
@@ -178,6 +178,7 @@ class Plan:
     sessions: tuple[Session, ...]
     session: NDArray[np.int64]  # index into sessions, shape (n,)
     slot: NDArray[np.int64]  # index into all epochs of the session, shape (n,)
+    pair: NDArray[np.int64]  # index into the pairs of the session, shape (n,)
 
 
 @dataclass(frozen=True, slots=True)
@@ -203,13 +204,31 @@ class Schedule:
         the measurement to the reception of its last. `target` is the name of a single one in the observations. Errors
         are those of :func:`radioloc.simulation.visibility.elevations`, and that of a schedule without visible target.
         """
+        return self.planner(model).plan(target_pa_m, target)
+
+    def planner(self, model: PhysicalModel) -> Planner:
+        """Return what plans for several targets, one after another, have in common."""
         if not self.sessions:
             raise InputError("a schedule needs at least one session")
+        return Planner(self, model)
+
+
+@dataclass(frozen=True, slots=True)
+class Planner:
+    """A schedule with the frames of its stations."""
+
+    schedule: Schedule
+    model: PhysicalModel
+    sights: dict[int, tuple[Sight, Sight]] = field(
+        default_factory=dict
+    )  # by session, of first and last signals
+
+    def plan(self, target_pa_m: Target | Mapping[str, Target], target: str = "lander") -> Plan:
+        """Return :meth:`Schedule.plan`."""
+        sessions, model = self.schedule.sessions, self.model
         targets = target_pa_m if isinstance(target_pa_m, Mapping) else {target: target_pa_m}
-        cases = [
-            (k, *case) for k, item in enumerate(self.sessions) for case in _tracked(item, model, targets)
-        ]
-        rows = [self._rows(self.sessions[k], model, place, name) for k, name, place in cases]
+        cases = [(k, *case) for k, item in enumerate(sessions) for case in _tracked(item, model, targets)]
+        rows = [self._rows(*case) for case in cases]
         observations = Observations.concatenate([part for part, _, _ in rows])
         if len(observations) == 0:
             raise InputError(
@@ -222,13 +241,14 @@ class Schedule:
         order = np.lexsort((pair, case, observations.epoch.fraction, observations.epoch.jd))
         observations = observations.select(order)
         _refuse_overlaps(observations)
-        return Plan(observations, tuple(self.sessions), session[order], slot[order])
+        return Plan(observations, tuple(sessions), session[order], slot[order], pair[order])
 
     def _rows(
-        self, session: Session, model: PhysicalModel, target_pa_m: Target | AtInfinity, target: str
+        self, number: int, target: str, target_pa_m: Target | AtInfinity
     ) -> tuple[Observations, NDArray[np.int64], NDArray[np.int64]]:
         """Return the visible part of a session, with the index of the epoch and of the pair of each observation."""
-        utc, catalogue = session.epochs(), model.catalogue
+        session, catalogue = self.schedule.sessions[number], self.model.catalogue
+        utc = session.epochs()
         links = [
             Link(first and catalogue.get(first).name, target, catalogue.get(second).name, session.baseline)
             for first, second in session.pairs
@@ -240,12 +260,14 @@ class Schedule:
         if not session.baseline:
             lead_s += 0.0 if session.time_tag == "transmit" else _ROUND_TRIP_S
             lag_s += 0.0 if session.time_tag == "receive" else _ROUND_TRIP_S
-        tt = utc_to_tt(utc)
-        first, last = (
-            is_visible(model, target_pa_m, stations, tt.shifted(shift_s), self.masks)
-            for shift_s in (-lead_s, lag_s)
+        if number not in self.sights:
+            tt = utc_to_tt(utc)
+            first, last = (Sight(self.model, stations, tt.shifted(shift_s)) for shift_s in (-lead_s, lag_s))
+            self.sights[number] = first, last
+        first_visible, last_visible = (
+            sight.is_visible(target_pa_m, self.schedule.masks) for sight in self.sights[number]
         )
-        visible = first & last
+        visible = first_visible & last_visible
         measured = visible[:, ends[:, 0]] & visible[:, ends[:, 1]]
         if session.one_uplink:
             senders = list(dict.fromkeys(ends[:, 0].tolist()))

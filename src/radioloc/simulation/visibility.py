@@ -7,7 +7,7 @@ measurement model. The horizon of a point on the surface is the Moon's own, that
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -128,29 +128,72 @@ def elevations(
     >>> angles.at_station_rad.round(3).tolist()
     [[1.087]]
     """
-    rot_itrf_to_gcrs = model.earth.evaluate(tt).rot_itrf_to_gcrs
-    entries = [model.catalogue.get(name) for name in stations]
-    names = tuple(station.name for station in entries)
-    at_station, at_target = np.empty((len(tt), len(names))), np.full((len(tt), len(names)), 0.5 * np.pi)
-    if isinstance(target_pa_m, AtInfinity):
-        towards = np.broadcast_to(target_pa_m.direction, (len(tt), 3))
-        for k, station in enumerate(entries):
-            at_station[:, k] = _elevation_rad(towards, rot_itrf_to_gcrs @ rot_itrf_to_enu(station.itrf_m)[2])
-        return Elevations(names, at_station, at_target)
-    target_gcrs_m, from_moon_m, dip_rad = _target(model, target_pa_m, tt_to_tdb(tt))
-    moon_distance_m = np.linalg.norm(from_moon_m, axis=-1)
-    target_up = from_moon_m / moon_distance_m[:, None]
-    for k, station in enumerate(entries):
-        station_gcrs_m = np.einsum("nij,nj->ni", rot_itrf_to_gcrs, station.position_at(tt))
-        station_up = rot_itrf_to_gcrs @ rot_itrf_to_enu(station.itrf_m)[2]
-        to_target_m = target_gcrs_m - station_gcrs_m
-        at_station[:, k] = _elevation_rad(to_target_m, station_up)
-        # The Moon hides nothing if it is farther away than the station.
-        before_moon = np.linalg.norm(to_target_m, axis=-1) > moon_distance_m
-        at_target[:, k] = np.where(
-            before_moon, _elevation_rad(-to_target_m, target_up) + dip_rad, 0.5 * np.pi
+    return StationFrames.of(model, stations, tt).elevations(target_pa_m)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StationFrames:
+    """Positions and verticals of k stations at n epochs, from which several targets are seen."""
+
+    model: PhysicalModel
+    names: tuple[str, ...]  # in the catalogue
+    tdb: Epochs
+    positions_m: tuple[Floats, ...]  # GCRS, of each station (n, 3)
+    verticals: tuple[Floats, ...]  # normals of the ellipsoid, GCRS, of each station (n, 3)
+    moon_m: Floats  # one light time earlier, GCRS, (n, 3)
+    rot_icrf_to_pa: Floats  # one light time earlier, (n, 3, 3)
+
+    @classmethod
+    def of(cls, model: PhysicalModel, stations: Sequence[str], tt: Epochs) -> StationFrames:
+        """Compute the frames at epochs at the stations, TT."""
+        rot_itrf_to_gcrs = model.earth.evaluate(tt).rot_itrf_to_gcrs
+        entries, tdb = [model.catalogue.get(name) for name in stations], tt_to_tdb(tt)
+        moon_m, velocity_m_s = model.ephemeris.geocentric("moon", tdb)
+        light_time_s = np.linalg.norm(moon_m, axis=-1) / C_M_S
+        return cls(
+            model,
+            tuple(station.name for station in entries),
+            tdb,
+            tuple(np.einsum("nij,nj->ni", rot_itrf_to_gcrs, item.position_at(tt)) for item in entries),
+            tuple(rot_itrf_to_gcrs @ rot_itrf_to_enu(item.itrf_m)[2] for item in entries),
+            moon_m - velocity_m_s * light_time_s[:, None],
+            rot_icrf_to_pa(model.libration.angles(tdb.shifted(-light_time_s))[0]),
         )
-    return Elevations(names, at_station, at_target)
+
+    def elevations(self, target_pa_m: Target | AtInfinity) -> Elevations:
+        """Compute elevations of a target and of the stations above each other's horizons."""
+        shape = (len(self.moon_m), len(self.names))
+        at_station, at_target = np.empty(shape), np.full(shape, 0.5 * np.pi)
+        if isinstance(target_pa_m, AtInfinity):
+            towards = np.broadcast_to(target_pa_m.direction, (len(self.moon_m), 3))
+            for k, vertical in enumerate(self.verticals):
+                at_station[:, k] = _elevation_rad(towards, vertical)
+            return Elevations(self.names, at_station, at_target)
+        target_gcrs_m, from_moon_m, dip_rad = self._target(target_pa_m)
+        moon_distance_m = np.linalg.norm(from_moon_m, axis=-1)
+        target_up = from_moon_m / moon_distance_m[:, None]
+        for k, (position_m, vertical) in enumerate(zip(self.positions_m, self.verticals, strict=True)):
+            to_target_m = target_gcrs_m - position_m
+            at_station[:, k] = _elevation_rad(to_target_m, vertical)
+            # The Moon hides nothing if it is farther away than the station.
+            before_moon = np.linalg.norm(to_target_m, axis=-1) > moon_distance_m
+            at_target[:, k] = np.where(
+                before_moon, _elevation_rad(-to_target_m, target_up) + dip_rad, 0.5 * np.pi
+            )
+        return Elevations(self.names, at_station, at_target)
+
+    def _target(self, target_pa_m: Target) -> tuple[Floats, Floats, Floats | float]:
+        """Return the target one light time earlier from geocentre and Moon, GCRS, m, and its horizon's dip, rad."""
+        if not isinstance(target_pa_m, AnyTrajectory):
+            from_moon_m = np.einsum("nji,j->ni", self.rot_icrf_to_pa, target_pa_m)
+            return self.moon_m + from_moon_m, from_moon_m, 0.0
+        ephemeris, tdb = self.model.ephemeris, self.tdb
+        distance_m = np.linalg.norm(target_pa_m.geocentric(ephemeris, tdb)[0], axis=-1)
+        departure = tdb.shifted(-distance_m / C_M_S)
+        target_gcrs_m, _ = target_pa_m.geocentric(ephemeris, departure)
+        from_moon_m = target_gcrs_m - ephemeris.geocentric("moon", departure)[0]
+        ratio = MEAN_LUNAR_RADIUS_M / np.linalg.norm(from_moon_m, axis=-1)
+        return target_gcrs_m, from_moon_m, np.arccos(np.minimum(ratio, 1.0))
 
 
 def direction_of(motion: TargetMotion) -> Target:
@@ -163,63 +206,55 @@ def _flies(target: Target | AtInfinity) -> bool:
     return isinstance(target, AnyTrajectory)
 
 
-def _target(model: PhysicalModel, target_pa_m: Target, tdb: Epochs) -> tuple[Floats, Floats, Floats | float]:
-    """Return the target one light time earlier from geocentre and Moon, GCRS, m, (n, 3), and its horizon's dip, rad."""
-    ephemeris = model.ephemeris
-    if isinstance(target_pa_m, AnyTrajectory):
-        distance_m = np.linalg.norm(target_pa_m.geocentric(ephemeris, tdb)[0], axis=-1)
-        departure = tdb.shifted(-distance_m / C_M_S)
-        target_gcrs_m, _ = target_pa_m.geocentric(ephemeris, departure)
-        from_moon_m = target_gcrs_m - ephemeris.geocentric("moon", departure)[0]
-        ratio = MEAN_LUNAR_RADIUS_M / np.linalg.norm(from_moon_m, axis=-1)
-        return target_gcrs_m, from_moon_m, np.arccos(np.minimum(ratio, 1.0))
-    moon_m, velocity_m_s = ephemeris.geocentric("moon", tdb)
-    light_time_s = np.linalg.norm(moon_m, axis=-1) / C_M_S
-    rot_icrf_to_body = rot_icrf_to_pa(model.libration.angles(tdb.shifted(-light_time_s))[0])
-    from_moon_m = np.einsum("nji,j->ni", rot_icrf_to_body, target_pa_m)
-    return moon_m - velocity_m_s * light_time_s[:, None] + from_moon_m, from_moon_m, 0.0
-
-
 def _elevation_rad(away_m: Floats, up: Floats) -> Floats:
     # arctan2 keeps its digits near the zenith, where arcsin loses half of them.
     across = np.linalg.norm(np.cross(up, away_m), axis=-1)
     return np.arctan2(np.einsum("ni,ni->n", up, away_m), across)
 
 
-def is_visible(
-    model: PhysicalModel, target_pa_m: Target | AtInfinity, stations: Sequence[str], tt: Epochs, masks: Masks
-) -> NDArray[np.bool_]:
-    """Return True for visible stations and target above the masks, at ordered epochs, shape (n, k)."""
-    # Dense series are first computed once a minute. The sign cannot change between two margins a and b of one sign if
-    # |a| + |b| exceeds the largest change in that time; otherwise all epochs between are computed. The elevations of
-    # a spacecraft are not bounded.
-    n = len(tt)
-    length_s = float(tt[-1].seconds_since(tt[0])[0]) if n else 0.0
-    stride = 1
-    if length_s > 0.0 and not _flies(target_pa_m):
-        stride = max(1, int(_COARSE_STEP_S * (n - 1) / length_s))
+class Sight:
+    """Stations at ordered epochs, with the frames that targets have in common."""
 
-    def margin_rad(rows: NDArray[np.intp]) -> Floats:
-        parts = np.split(rows, range(_BLOCK_EPOCHS, len(rows), _BLOCK_EPOCHS))
-        return np.concatenate(
-            [elevations(model, target_pa_m, stations, tt[part]).margin_rad(masks) for part in parts]
+    def __init__(self, model: PhysicalModel, stations: Sequence[str], tt: Epochs) -> None:
+        self._model, self._stations, self._tt = model, stations, tt
+        self._frames: dict[int, list[StationFrames]] = {}
+
+    def is_visible(self, target_pa_m: Target | AtInfinity, masks: Masks) -> NDArray[np.bool_]:
+        """Return True for visible stations and target above the masks, shape (n, k)."""
+        # Dense series are first computed once a minute. The sign cannot change between two margins a and b of one sign
+        # if |a| + |b| exceeds the largest change in that time; otherwise all epochs between are computed. The
+        # elevations of a spacecraft are not bounded.
+        tt = self._tt
+        n, stride = len(tt), 1
+        length_s = float(tt[-1].seconds_since(tt[0])[0]) if n else 0.0
+        if length_s > 0.0 and not _flies(target_pa_m):
+            stride = max(1, int(_COARSE_STEP_S * (n - 1) / length_s))
+
+        def margin_rad(frames: Iterable[StationFrames]) -> Floats:
+            return np.concatenate([part.elevations(target_pa_m).margin_rad(masks) for part in frames])
+
+        coarse = np.unique(np.append(np.arange(0, n, stride), n - 1)) if n else np.arange(0)
+        if stride not in self._frames:
+            self._frames[stride] = list(self._frames_at(coarse))
+        margin = margin_rad(self._frames[stride])
+        if stride == 1:
+            return margin >= 0.0
+        between = np.diff(coarse)
+        out = np.append(np.repeat(margin[:-1] >= 0.0, between, axis=0), margin[-1:] >= 0.0, axis=0)
+        interval_s = tt[coarse[1:]].seconds_since(tt[coarse[:-1]])
+        unchanged = (margin[1:] >= 0.0) == (margin[:-1] >= 0.0)
+        excludes_crossing = (
+            np.abs(margin[1:]) + np.abs(margin[:-1]) > _MAX_ELEVATION_RATE_RAD_S * interval_s[:, None]
         )
+        doubtful = np.flatnonzero(np.repeat(~(unchanged & excludes_crossing).all(axis=1), between))
+        if len(doubtful):
+            out[doubtful] = margin_rad(self._frames_at(doubtful)) >= 0.0
+        return out
 
-    coarse = np.unique(np.append(np.arange(0, n, stride), n - 1)) if n else np.arange(0)
-    margin = margin_rad(coarse)
-    if stride == 1:
-        return margin >= 0.0
-    between = np.diff(coarse)
-    out = np.append(np.repeat(margin[:-1] >= 0.0, between, axis=0), margin[-1:] >= 0.0, axis=0)
-    interval_s = tt[coarse[1:]].seconds_since(tt[coarse[:-1]])
-    unchanged = (margin[1:] >= 0.0) == (margin[:-1] >= 0.0)
-    excludes_crossing = (
-        np.abs(margin[1:]) + np.abs(margin[:-1]) > _MAX_ELEVATION_RATE_RAD_S * interval_s[:, None]
-    )
-    doubtful = np.flatnonzero(np.repeat(~(unchanged & excludes_crossing).all(axis=1), between))
-    if len(doubtful):
-        out[doubtful] = margin_rad(doubtful) >= 0.0
-    return out
+    def _frames_at(self, rows: NDArray[np.intp]) -> Iterator[StationFrames]:
+        """Yield the frames at some epochs in blocks."""
+        for part in np.split(rows, range(_BLOCK_EPOCHS, len(rows), _BLOCK_EPOCHS)):
+            yield StationFrames.of(self._model, self._stations, self._tt[part])
 
 
 @dataclass(frozen=True, slots=True)

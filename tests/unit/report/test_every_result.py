@@ -21,6 +21,7 @@ from radioloc.imaging.solution import ErrorSource as ImageErrorSource
 from radioloc.imaging.solution import PointSolution
 from radioloc.report.figure_types import FIGURES
 from radioloc.report.page import write_html
+from radioloc.results.accuracy_map import AccuracyMap
 from radioloc.results.covariance import Contribution, CovarianceStudy, Improvement, PlannedArc
 from radioloc.results.monte_carlo import LinearityCheck, MonteCarlo
 from radioloc.results.registry import RESULTS, result_type
@@ -67,6 +68,14 @@ def omissions():
     return LeaveOneOut(solution(), (omission, Omission("station", "B", 30, 60, False)))
 
 
+def accuracy_map():
+    radius_m = np.array([[30.0, 20.0, 40.0], [50.0, 10.0, np.inf]])
+    sigma_m = np.repeat(radius_m[..., None], 3, axis=-1)
+    edges = np.array([-60.0, 0.0, 60.0]), np.array([30.0, -30.0])
+    count = np.array([[5, 5, 5], [5, 5, 0]])
+    return AccuracyMap("toy", "ME_DE421", 0.0, 24.0, *edges, count, sigma_m, radius_m)
+
+
 def point():
     place = radioloc.LunarPosition.from_selenographic(-51.9, 43.0, -2550.0)
     sources = (ImageErrorSource("pixel", np.diag([1.0, 2.0, 0.5])),)
@@ -92,6 +101,7 @@ MAKERS = {
     ),
     "monte_carlo": (trials, {"montecarlo.json", "trials.csv"}),
     "covariance": (plan, {"covariance.json", "covariance.csv"}),
+    "accuracy_map": (accuracy_map, {"accuracy_map.json", "accuracy_map.csv", "accuracy_map.tif"}),
     "leave_one_out": (omissions, {"leave_one_out.json", "leave_one_out.csv"}),
     "image_point": (point, {"solution.json"}),
     "images": (
@@ -106,6 +116,7 @@ FIGURES_OF = {
     "state_comparison": set(),
     "monte_carlo": {"trials", "error_by_length"},
     "covariance": {"covariance"},
+    "accuracy_map": {"accuracy_map"},
     "leave_one_out": set(),
     "image_point": {"position"},
     "images": {"images"},

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from radioloc.simulation import visibility
-from radioloc.simulation.visibility import Masks, elevations, is_visible
+from radioloc.simulation.visibility import Masks, Sight, elevations
 from radioloc.time import Epochs, utc_to_tt
 
 STATIONS = ["KASHI", "NEUQUEN", "SESHAN25"]
@@ -15,7 +15,7 @@ def every_s(step_s, hours):
 @pytest.mark.parametrize("mask_deg", [10.0, 40.0])
 def test_visibility_is_that_of_the_elevations_at_each_epoch(model, lander_pa_m, mask_deg):
     tt, masks = every_s(5.0, 30.0), Masks(mask_deg, by_station_deg={"NEUQUEN": 25.0})
-    visible = is_visible(model, lander_pa_m, STATIONS, tt, masks)
+    visible = Sight(model, STATIONS, tt).is_visible(lander_pa_m, masks)
     np.testing.assert_array_equal(
         visible, elevations(model, lander_pa_m, STATIONS, tt).margin_rad(masks) >= 0.0
     )
@@ -27,7 +27,7 @@ def test_a_culmination_of_seconds_above_the_mask_is_not_missed(model, lander_pa_
     tt = every_s(1.0, 26.0)
     highest_rad = elevations(model, lander_pa_m, ["KASHI"], tt).at_station_rad.max()
     masks = Masks(float(np.degrees(highest_rad)) - 1e-7)
-    assert 0 < is_visible(model, lander_pa_m, ["KASHI"], tt, masks).sum() < 60
+    assert 0 < Sight(model, ["KASHI"], tt).is_visible(lander_pa_m, masks).sum() < 60
 
 
 def test_elevations_change_less_than_the_bound(model, lander_pa_m):

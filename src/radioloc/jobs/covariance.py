@@ -164,7 +164,8 @@ class _Plan:
             if like is None
             else like.with_gravity_errors
         )
-        notes += notes_of_plan(arc, left_out)
+        suboptimal = [item for _, items in problem.considered.suboptimal for item in items]
+        notes += notes_of_plan(arc, left_out, [*problem.model.parameters, *suboptimal])
         return cls(study, problem, usable, tuple(notes), orbits, errors)
 
     def fit(self, part: ArcPart) -> PlannedFit:

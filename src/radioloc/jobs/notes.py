@@ -16,6 +16,7 @@ from radioloc.earth.eop_prediction import orientation_errors
 from radioloc.earth.stations import Station
 from radioloc.ephemeris import EphemerisConstants
 from radioloc.errors import InputError
+from radioloc.estimation.consider import owner
 from radioloc.estimation.editing import EditedFit
 from radioloc.kernels import sha256_of
 from radioloc.lunar import cartesian_to_selenographic, rot_pa_to_me
@@ -29,7 +30,7 @@ from radioloc.measurements.target_motion import Motions
 from radioloc.measurements.terms import TERMS
 from radioloc.media.csp import CHARGED, DRY, WET
 from radioloc.parameters.choice import chosen_keys
-from radioloc.parameters.parameter import ParameterSet, Role
+from radioloc.parameters.parameter import Parameter, ParameterSet, Role
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.results.cards import metres, plural
 from radioloc.study.identity import spacecraft_doubts
@@ -69,7 +70,7 @@ def notes_of(
     estimated = {item.kind for item in parameters if item.role is not Role.CONSIDERED}
     if estimate is not None and isinstance(estimate.height_prior, TerrainPrior):
         notes += _terrain_doubt(arc, estimate.height_prior, parameters, lander_pa_m)
-    notes += notes_of_plan(arc, left_out)
+    notes += notes_of_plan(arc, left_out, [*parameters, *(considered or ())])
     if estimate is None:
         return notes
     kinds = {item.kind for item in considered or ()}
@@ -109,12 +110,16 @@ def _frequency_notes(study: Study, fitted: EditedFit) -> Iterator[str]:
         )
 
 
-def notes_of_plan(arc: Predictor, left_out: dict[str, int]) -> list[str]:
-    """Return the notes that need no values: observations not selected, data that the user can improve."""
+def notes_of_plan(arc: Predictor, left_out: dict[str, int], parameters: Iterable[Parameter]) -> list[str]:
+    """Return the notes that need no values: observations not selected, data that the user can improve.
+
+    `parameters` are those of the fit, with the considered ones.
+    """
     not_selected = [
         f"{plural(count, 'observation')} not selected: {reason}" for reason, count in left_out.items()
     ]
-    return [*not_selected, *_station_notes(arc, _IMPROVABLE), *_model_notes(arc)]
+    stations = [*_rounded_positions(arc, parameters), *_station_notes(arc, _IMPROVABLE)]
+    return [*not_selected, *stations, *_model_notes(arc)]
 
 
 def limitations_of(arc: Predictor) -> tuple[str, ...]:
@@ -170,12 +175,25 @@ def _radio_stations(arc: Predictor) -> list[Station]:
     return stations
 
 
+def _rounded_positions(arc: Predictor, parameters: Iterable[Parameter]) -> Iterator[str]:
+    """Yield the sigmas of stations whose catalogue coordinates are rounded."""
+    of_stations = [item for item in parameters if item.kind == "station_position"]
+    considered_m = {owner(item): item.prior_sigma for item in of_stations if item.role is Role.CONSIDERED}
+    estimated = {owner(item) for item in of_stations} - considered_m.keys()
+    stations_of: dict[tuple[float, float], list[Station]] = {}
+    for station in map(arc.model.catalogue.get, arc.stations):
+        if station.quality == "rounded" and station.sigma_m is None and station.name not in estimated:
+            sigmas_m = considered_m.get(station.name, 0.0), station.position_sigma_m
+            stations_of.setdefault(sigmas_m, []).append(station)
+    for (sigma_m, default_m), stations in stations_of.items():
+        text = f"catalogue positions of {_names(stations)} are rounded to 100 m to 1 km; "
+        text += f"{metres(sigma_m)} m a coordinate are considered" if sigma_m else "no error is considered"
+        if sigma_m in (0.0, default_m):
+            text += ": give better ones under [stations.NAME], or [consider] station_position_sigma_m"
+        yield text
+
+
 _IMPROVABLE: dict[str, tuple[str, Callable[[Station], bool]]] = {
-    "catalogue positions of {} are rounded to 100 m to 1 km; give better ones under [stations.NAME], or their "
-    "uncertainty as [consider] station_position_sigma_m": (
-        "",
-        lambda station: station.quality == "rounded" and station.sigma_m is None,
-    ),
     "catalogue positions of {} are accurate to about a metre only; give better ones under [stations.NAME]": (
         "",
         lambda station: station.quality == "approximate" and station.sigma_m is None,

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -32,6 +33,7 @@ from radioloc.jobs.problem import (
     EstimationProblem,
     GravityErrorOrbits,
     arc_parts,
+    considered_errors,
     require_position_or_orbit,
 )
 from radioloc.jobs.simulate import scenario_of
@@ -95,7 +97,7 @@ class Prepared:
                 span_h=tuple(cases[row][0].span_h for row in rows),
                 columns=tuple(self.columns[column] for column in columns),
                 values=values[:, rows][..., columns],
-                drawn=self.world.scenario.truth_sigma.keys,
+                drawn=self.world.drawn_keys,
                 at_h=at_h,
                 **fields,
             )
@@ -112,7 +114,8 @@ class Prepared:
             if isinstance(record, LunarPosition):
                 position_in_pa("[simulation.position]", record, model.ephemeris.constants)
         names = names_in_scenario(study, scenario)
-        world, orbits = scenario.world(model), planned_orbits(study, scenario, model)
+        world = scenario.world(model, partial(considered_errors, study))
+        orbits = planned_orbits(study, scenario, model)
         observations = replace(study.observations, hours=hours[-1])
         whole_study = replace(study, reference=None, references=(), observations=observations)
         longest, _, rows = planned_arc(whole_study, world.plan.observations, model, orbits)

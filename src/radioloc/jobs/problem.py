@@ -46,6 +46,26 @@ GravityErrorOrbits = Mapping[int, AdjustableOrbit]
 """Orbits with considered errors of their gravity fields, by the index of the target."""
 
 
+def considered_errors(study: Study, arc: Predictor) -> dict[str, ParameterChoice]:
+    """Return the errors that a fit considers, by kind, with their sigmas."""
+    return _considered_choices(study, arc, with_independent_clocks(study, study.estimate, arc))[0]
+
+
+def _considered_choices(
+    study: Study, arc: Predictor, estimate: EstimateChoice
+) -> tuple[dict[str, ParameterChoice], list[str]]:
+    """Return the considered members with their sigmas, by kind, and notes."""
+    moon_is_considered = any(estimate.ephemeris_sigma_m) or bool(arc.trajectories)
+    with error_context("[consider]"):
+        return resolved(
+            study.consider,
+            arc,
+            estimate.parameters,
+            defaults=study.consider_defaults,
+            excluded=_EPHEMERIS_KINDS if moon_is_considered else (),
+        )
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class ConsideredParameters:
     """Considered parameters of an arc, with their columns of the design matrix."""
@@ -59,15 +79,7 @@ class ConsideredParameters:
         """Return those of a study and the defaults of their kinds; none where nothing is estimated."""
         if estimate is None:
             return cls()
-        moon_is_considered = any(estimate.ephemeris_sigma_m) or bool(arc.trajectories)
-        with error_context("[consider]"):
-            choices, notes = resolved(
-                study.consider,
-                arc,
-                estimate.parameters,
-                defaults=study.consider_defaults,
-                excluded=_EPHEMERIS_KINDS if moon_is_considered else (),
-            )
+        choices, notes = _considered_choices(study, arc, estimate)
         considered = cls(notes=tuple(notes))
         for name, choice in choices.items():
             columns = _columns("[consider]", name, choice, arc, Role.CONSIDERED, estimate)

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 from radioloc.errors import InputError
 from radioloc.jobs.one_thread import on_one_blas_thread
 from radioloc.jobs.preparation import model_of
+from radioloc.jobs.problem import considered_errors
 from radioloc.simulation import Scenario, Simulated, TruthSigma
 from radioloc.study.study import Study
 from radioloc.study.study_file import as_study
@@ -24,8 +26,8 @@ def simulate(study: Study | str | Path, seed: int | None = None, *, draw_errors:
     seed : int, optional
         Seed of all random numbers; that of the scenario by default.
     draw_errors : bool
-        Whether to draw the errors of ``truth_sigma``, as each trial of a Monte Carlo study does, besides the fixed
-        errors of ``truth``.
+        Whether to draw the errors of ``truth_sigma`` and those that the fit considers, as each trial of a Monte Carlo
+        study does, besides the fixed errors of ``truth``.
 
     Returns
     -------
@@ -46,9 +48,10 @@ def simulate(study: Study | str | Path, seed: int | None = None, *, draw_errors:
     """
     study = as_study(study)
     scenario = scenario_of(study)
+    considered = partial(considered_errors, study)
     if not draw_errors:  # partials by undrawn errors take hundreds of megabytes at 1 Hz
-        scenario = replace(scenario, truth_sigma=TruthSigma())
-    return scenario.world(model_of(study)).draw(seed=seed, draw_errors=draw_errors)
+        scenario = replace(scenario, truth_sigma=TruthSigma(considered=False))
+    return scenario.world(model_of(study), considered).draw(seed=seed, draw_errors=draw_errors)
 
 
 def scenario_of(study: Study) -> Scenario:

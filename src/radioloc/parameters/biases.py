@@ -6,6 +6,17 @@ corrections to the model's. The frequency offset of Doppler and its drift are fr
 transmitter's. Integrated over the count interval T, an offset y adds y (c T - v) to the range difference v, as it
 shifts the transmitted frequency: 1e-4 of that shift is 100 km on the Moon. Between hydrogen masers of two stations
 1e-13 is usual; 1e-12 moves a Doppler solution of a lander by hundreds of metres.
+
+Each range has errors of calibration by default: the delay of the station's ranging chain, and that of the transponder,
+which is common to all radio ranges of a target. Sources of their sigmas:
+
+- radio stations, 10 ns or 3 m of the round trip: systematic errors of the DSN are 1 m of the one-way distance
+  (Interplanetary Network Progress Report 42-199C, 2014); the standard ECSS-E-ST-50-02C (2008) is for ranging accuracies
+  of 2.5 to 30 ns; the stations of LRO had to reach 10 m (Morinelli et al. 2010, SpaceOps);
+- transponders, 10 ns: within the same 2.5 to 30 ns, and some nanoseconds of the group delay of Mars Express are
+  estimates without a measurement (Planetary Science Archive, MEX-X-MRS-1-2-3-EXT2-2714-V1.0);
+- laser stations, 1 cm of the round trip: mean biases of the stations of the ILRS are millimetres to a centimetre one
+  way (Appleby et al. 2016, J. Geodesy 90, 1371; Luceri et al. 2019, J. Geodesy 93, 2357).
 """
 
 from __future__ import annotations
@@ -20,6 +31,8 @@ from radioloc.parameters.kind import Members, ParameterKind, Scope, Sigmas, all_
 from radioloc.parameters.rows import ObservationRows
 from radioloc.vectors import Floats
 
+_RADIO_DELAY_SIGMA_S = 10e-9
+_LASER_BIAS_SIGMA_M = 0.01
 _STATIONS_OR_LINKS = (Scope.STATION, Scope.PASS, Scope.LINK, Scope.LINK_AND_PASS)
 
 
@@ -32,10 +45,29 @@ def _range(rows: ObservationRows) -> NDArray[np.bool_]:
     return _at_second(~rows.baseline & ~rows.integrated)
 
 
+def _bias_sigmas(rows: ObservationRows, members: Members) -> Sigmas:
+    """Return sigmas of the stations that receive ranges, larger for radio than for laser signals."""
+    radio = np.unique(rows.ends[_range(rows)[:, 1] & rows.radio, 1])
+    return {
+        name: C_M_S * _RADIO_DELAY_SIGMA_S if k in radio else _LASER_BIAS_SIGMA_M
+        for name, k in members.items()
+    }
+
+
 def _tagging(rows: ObservationRows) -> NDArray[np.bool_]:
     # A tag of the bounce, or of a spacecraft's transmission, is attributed to the receiving station.
     first = rows.tagged[:, 0]
     return np.stack([first, ~first], axis=-1)
+
+
+def _retransmitted(rows: ObservationRows) -> NDArray[np.bool_]:
+    return ~rows.baseline & ~rows.one_way & rows.radio
+
+
+def _transponder_sigmas(rows: ObservationRows, members: Members) -> Sigmas:
+    """Return sigmas of targets with ranges; Doppler hardly depends on the delay."""
+    ranged = np.unique(rows.target[_retransmitted(rows) & ~rows.integrated])
+    return {name: _RADIO_DELAY_SIGMA_S for name, k in members.items() if k in ranged}
 
 
 def _receives(rows: ObservationRows) -> NDArray[np.bool_]:
@@ -76,6 +108,8 @@ RANGE_BIAS = ParameterKind(
     scopes=_STATIONS_OR_LINKS,
     partials=lambda rows: _range(rows)[..., None].astype(np.float64),
     acts_on=_range,
+    considered=_bias_sigmas,
+    replaced_by=("station_delay",),
 )
 TIME_BIAS = ParameterKind(
     name="time_bias",
@@ -89,11 +123,12 @@ TIME_BIAS = ParameterKind(
 TRANSPONDER_DELAY = ParameterKind(
     name="transponder_delay",
     unit="s",
-    description="time for which the target's transponder holds the signal, beyond the model's",
+    description="time for which the target's transponder holds the radio signal, beyond the model's",
     scopes=(Scope.TARGET,),
-    partials=lambda rows: rows.computed.by_transponder_delay_m_s[:, None, None],
-    acts_on=lambda rows: (~rows.baseline & ~rows.one_way)[:, None],
+    partials=lambda rows: (_retransmitted(rows) * rows.computed.by_transponder_delay_m_s)[:, None, None],
+    acts_on=lambda rows: _retransmitted(rows)[:, None],
     scale=1.0 / C_M_S,
+    considered=_transponder_sigmas,
 )
 STATION_DELAY = ParameterKind(
     name="station_delay",

@@ -5,10 +5,12 @@ Estimated parameters are not considered as well; members without observations in
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import replace
 from functools import cache
 from typing import Any
+
+import numpy as np
 
 from radioloc.errors import InputError
 from radioloc.measurements.predictor import Predictor
@@ -53,7 +55,10 @@ def resolved(
             continue
         choice = replace(choice, per=choice.per or kind.considered_per)
         rows = rows_of(predictor.simple)
-        considered, of_kind = _resolved(kind, choice, rows, estimated.get(name))
+        replacing = [estimated.get(name)]
+        if name not in stated:
+            replacing += [of.get(other) for of in (estimated, stated) for other in kind.replaced_by]
+        considered, of_kind = _resolved(kind, choice, rows, replacing)
         notes += of_kind
         if considered is not None:
             choices[name] = considered
@@ -64,9 +69,9 @@ def _resolved(
     kind: ParameterKind,
     choice: ParameterChoice,
     rows: ObservationRows,
-    estimated: ParameterChoice | None,
+    replacing: Iterable[ParameterChoice | None],
 ) -> tuple[ParameterChoice | None, list[str]]:
-    """Return the considered members of one kind with their sigmas, and notes."""
+    """Return the considered members of one kind with their sigmas, without those of other choices, and notes."""
     scope = choice.scope(kind)
     present = members(kind, scope, rows.predictor)
     choice = with_canonical_names(kind, choice, rows.predictor)
@@ -82,7 +87,9 @@ def _resolved(
         sigmas = {**default, **stated}
     else:
         sigmas = dict.fromkeys(present, choice.sigma)
-    excluded = _estimated_members(kind, scope, rows.predictor, estimated, present)
+    excluded = {
+        name for other in replacing for name in _members_of(kind, scope, rows.predictor, other, present)
+    }
     chosen = [name for name in present if name in listed and name not in excluded]
     missing = [name for name in chosen if name not in sigmas]
     if missing and choice.names != "all":
@@ -115,16 +122,22 @@ def default_sigmas(
     )
 
 
-def _estimated_members(
+def _members_of(
     kind: ParameterKind,
     scope: Scope,
     predictor: Predictor,
-    estimated: ParameterChoice | None,
-    present: Collection[str],
+    choice: ParameterChoice | None,
+    present: Members,
 ) -> Collection[str]:
-    """Return the members that are estimated: all if the study names none, or names links in place of stations."""
-    if estimated is None or estimated.names == "none":
+    """Return the members of a choice; a station belongs to a choice that names all its links."""
+    if choice is None or choice.names == "none":
         return ()
-    if isinstance(estimated.names, str) or estimated.scope(kind).owner is not scope.owner:
+    owner = choice.scope(kind).owner
+    if isinstance(choice.names, str) or (owner, scope.owner) == (Scope.STATION, Scope.LINK):
         return present
-    return with_canonical_names(kind, estimated, predictor).names
+    names = with_canonical_names(kind, choice, predictor).names
+    if owner is scope.owner:
+        return names
+    observations = predictor.observations
+    listed = np.array([link.path in names for link in observations.links])[observations.link]
+    return present.keys() - members(kind, scope, predictor.select(~listed)).keys()

@@ -89,6 +89,8 @@ class ParameterKind:
         their absence. Without it the kind is considered only if a study states a sigma.
     considered_per : Scope, optional
         Scope of considered parameters; by default the first of `scopes`.
+    replaced_by : tuple of str
+        Kinds with the same effect: members that a study estimates or considers of them have no default here.
 
     Raises
     ------
@@ -111,6 +113,7 @@ class ParameterKind:
     of_links_second: bool = False
     considered: Callable[[ObservationRows, Members], Mapping[str, Amount] | str] | None = None
     considered_per: Scope | None = None
+    replaced_by: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         named = self.name.isidentifier() and self.keys["sigma"].isidentifier()

@@ -9,7 +9,15 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.estimation.consider import A_PRIORI, EPHEMERIS, NOISE, UNMODELLED_ERROR, ErrorSource, by_source
+from radioloc.estimation.consider import (
+    A_PRIORI,
+    EPHEMERIS,
+    NOISE,
+    UNMODELLED_ERROR,
+    ErrorSource,
+    by_source,
+    owner,
+)
 from radioloc.measurements.registry import KINDS, MEASUREMENTS
 from radioloc.parameters.parameter import Role
 from radioloc.results.cards import (
@@ -283,8 +291,22 @@ def _budget(solution: Solution) -> Field:
         (),
         ("1 sigma, m", "east", "north", "up", "3D"),
         rows,
-        _advice(items) if solution.converged else (),
+        (*_advice(items), *_common_range_bias(solution)) if solution.converged else (),
     )
+
+
+def _common_range_bias(solution: Solution) -> Iterator[str]:
+    """Yield the shift of the position by a metre of bias of all ranges, if no bias is estimated."""
+    estimated = any(solution.parameters.free[k] for k in solution.parameters.of_kind("range_bias"))
+    biases = () if solution.consider is None else solution.consider.parameters.of_kind("range_bias")
+    if solution.consider is None or estimated or not biases:
+        return
+    consider, columns = solution.consider, list(biases)
+    by_sigmas = solution.enu_by_parameters @ consider.sensitivity[:, columns]
+    shift_m = float(np.linalg.norm(by_sigmas @ (1.0 / consider.parameters.prior_sigmas[columns])))
+    stations = {owner(consider.parameters.parameters[k]) for k in columns}
+    common = " common to all stations" if len(stations) > 1 else ""
+    yield f"1 m of range bias{common} moves the position by {metres(shift_m)} m"
 
 
 def _sides(item: ErrorSource) -> tuple[str, ...]:

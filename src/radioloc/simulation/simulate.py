@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, Protocol
 
@@ -21,6 +21,7 @@ from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.predictor import Prediction, Predictor, blocks, reasons
 from radioloc.measurements.registry import KINDS
 from radioloc.measurements.target_motion import OrbitMotion, TargetMotion
+from radioloc.parameters.choice import ParameterChoice
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.simulation.noise import NoiseModel, generator, require_seed
 from radioloc.simulation.schedule import Plan, Schedule
@@ -117,6 +118,13 @@ class World:
         """Observed values without noise and drawn errors, m, shape (n,)."""
         return np.asarray(self.error_free_m + sum(self.added_m.values(), start=0.0))
 
+    @property
+    def drawn_keys(self) -> tuple[str, ...]:
+        """Keys of the drawn errors: those of the scenario, then those of other considered errors."""
+        kinds = (PARAMETERS.get(name.partition(".")[0]) for name in self.drawn.names)
+        keys = (kind.value_key for kind in kinds if kind is not None)
+        return tuple(dict.fromkeys((*self.scenario.truth_sigma.keys, *keys)))
+
     def draw(
         self, noise: NoiseModel | None = None, *, seed: int | None = None, draw_errors: bool = False
     ) -> Simulated:
@@ -170,6 +178,8 @@ class StateAndForces(Protocol):
 
 TargetRecord = LunarPosition | AnyTrajectory | StateAndForces | TargetDescription
 """Description of a target's true position or motion."""
+ConsideredOf = Callable[[Predictor], Mapping[str, ParameterChoice]]
+"""Function that returns the errors that a fit of observations considers, by kind, with their sigmas."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -201,25 +211,31 @@ class Scenario:
         """Epoch of the drawn offsets of clocks and frequencies with rates, by default the middle of the sessions."""
         return self.truth_sigma.clock_epoch_utc or _middle_utc(self.schedule)
 
-    def world(self, model: PhysicalModel) -> World:
-        """Compute the world without noise, for a nominal model; errors are those of :func:`simulate`."""
+    def world(self, model: PhysicalModel, considered: ConsideredOf | None = None) -> World:
+        """Compute the world without noise, for a nominal model; errors are those of :func:`simulate`.
+
+        The errors that a fit considers, `considered`, are drawn unless the scenario states some of their kind.
+        """
         targets = tuple(self._target(name, record, model) for name, record in self.targets.items())
         pointed_at = {item.name: direction_of(item.motion) for item in targets}
         plan = self.schedule.plan(model, pointed_at)
         kinds = (*self.truth.values, *self.truth_sigma.sigmas)
+        drawing = considered if self.truth_sigma.considered else None
         motions = [item.motion for item in targets]
         predictor = prepare_predictor(
             self.truth.model(model),
             plan.observations,
             motions,
             targets=tuple(pointed_at) if len(targets) > 1 else (),
-            more_partials=any(PARAMETERS[name].more_partials for name in kinds),
+            more_partials=drawing is not None or any(PARAMETERS[name].more_partials for name in kinds),
         )
         prediction = predictor.at()
         _require_usable(predictor, prediction)
         middle = _middle_utc(self.schedule)
         added_m, errors = fixed_errors(self.truth, predictor, prediction, targets, middle)
-        drawn = drawn_errors(self.truth_sigma, predictor, prediction, targets, middle)
+        of_fit = {} if drawing is None else drawing(predictor)
+        of_fit = {name: choice for name, choice in of_fit.items() if name not in kinds}
+        drawn = drawn_errors(self.truth_sigma, predictor, prediction, targets, middle, of_fit)
         # One set of drawn fields acts on all orbits.
         effects_m = [
             _gravity_effects_m(predictor, motions, k, item.with_gravity_errors)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from typing import Any, Self
 
@@ -102,6 +103,9 @@ class TruthSigma:
     clock_epoch_utc: str | None
     # Number of drawn error fields that the gravity error of an orbiter's trial combines; zero for no gravity error.
     gravity_errors: int
+    considered: (
+        bool  # whether errors that the fit considers are drawn with its sigmas where nothing is stated
+    )
 
     @accepts_quantities
     def __init__(
@@ -109,6 +113,7 @@ class TruthSigma:
         *,
         position_enu_m: Iterable[float] = (0.0, 0.0, 0.0),
         gravity_errors: int = 0,
+        considered: bool = True,
         clock_epoch_utc: str | None = None,
         **sigmas: Any,
     ) -> None:
@@ -120,14 +125,21 @@ class TruthSigma:
         set_fields(
             self,
             gravity_errors=gravity_errors,
+            considered=considered,
             sigmas=_choices(sigmas, sigma=True),
             position_enu_m=(east, north, up),
             clock_epoch_utc=clock_epoch_utc,
         )
 
+    def without_considered(self) -> TruthSigma:
+        """Return the standard deviations that are stated here alone, without errors that a fit considers."""
+        stated = copy(self)
+        set_fields(stated, considered=False)
+        return stated
+
     @property
     def keys(self) -> tuple[str, ...]:
-        """Keys of the drawn errors."""
+        """Keys of the errors that are stated here."""
         position = ("position_enu_m",) if any(self.position_enu_m) else ()
         return (
             *position,
@@ -235,10 +247,12 @@ def drawn_errors(
     at: Prediction,
     targets: Sequence[TrueTarget],
     middle_utc: str,
+    considered: Mapping[str, ParameterChoice],
 ) -> DrawnErrors:
-    """Return drawn errors with their partials at the true positions."""
+    """Return drawn errors with their partials at the true positions; `considered` are those of the fit."""
     points = [_displaceable(item, sigma.position_enu_m) for item in targets]
-    design = _design(sigma.sigmas, predictor, at, points, sigma.clock_epoch_utc or middle_utc)
+    choices = {name: ParameterChoice(value=item.sigma, per=item.per) for name, item in considered.items()}
+    design = _design({**choices, **sigma.sigmas}, predictor, at, points, sigma.clock_epoch_utc or middle_utc)
     drawn = np.flatnonzero(design.x)
     partials = np.zeros((len(drawn), len(predictor.observations)))
     if len(drawn):

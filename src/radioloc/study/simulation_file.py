@@ -27,7 +27,7 @@ _MASKS = {
 _VLBI_STATION = ("vlbi_station", "vlbi_station_rate")
 # Keys beside those of parameters
 _TRUTH_KEYS = {"terms_on": tuple[str, ...], "terms_off": tuple[str, ...]}
-_TRUTH_SIGMA_KEYS = {"position_enu_m": tuple[float, float, float], "gravity_errors": int}
+_TRUTH_SIGMA_KEYS = {"position_enu_m": tuple[float, float, float], "gravity_errors": int, "considered": bool}
 
 
 def scenario(

@@ -130,7 +130,7 @@ def test_correlated_weights_are_those_of_the_full_fit(vlbi_station_sigma_m):
 
 
 def test_a_full_trial_is_what_locate_gives(study, ready):
-    quiet = replace(study.simulation, truth_sigma=TruthSigma())
+    quiet = replace(study.simulation, truth_sigma=TruthSigma(considered=False))
     item = replace(study, simulation=quiet, estimate=replace(study.estimate, clock_epoch=START))
     seed = trial_seed(5, 3)
     simulated = radioloc.simulate(item, seed=seed)

@@ -68,12 +68,48 @@ def test_defaults_are_by_quality_of_the_source(tracked):
     assert result["electron_content"] == dict.fromkeys(
         of_radio, 20.0
     )  # the model has an ionosphere, but no content
+    of_light = {"WETTZELL": 0.01}
+    assert result["range_bias"] == {"KASHI": pytest.approx(3.0, rel=1e-3)} | of_light
+    assert result["transponder_delay"] == {"": 1e-8}
     assert result["ut1"][""] == pytest.approx(1e-5, rel=0.1)
     assert result["pole"][""] == pytest.approx(60e-6 * ARCSEC_RAD, rel=0.5)
     assert set(result) == {
         "station_position", "clock", "clock_rate", "frequency_offset", "zenith_delay", "electron_content",
         "ut1", "pole", "moon_position", "moon_position_variation", "libration", "libration_variation",
+        "range_bias", "transponder_delay",
     }  # fmt: skip
+
+
+def test_doppler_and_delays_have_no_range_errors(model):
+    result, _ = sigmas(arc(model, PATHS[2:6]))
+    assert not {"range_bias", "transponder_delay"} & result.keys()
+
+
+def test_a_reflector_has_no_transponder(model):
+    result, _ = sigmas(arc(model, PATHS[6:]))
+    assert result["range_bias"] == {"WETTZELL": 0.01}
+    assert "transponder_delay" not in result
+
+
+@pytest.mark.parametrize("estimated", ["range_bias", "station_delay"])
+def test_estimated_delay_of_a_station_replaces_its_considered_bias(tracked, estimated):
+    result, _ = sigmas(tracked, estimated={estimated: ["KASHI"]})
+    assert result["range_bias"] == {"WETTZELL": 0.01}
+    assert result["transponder_delay"] == {"": 1e-8}
+
+
+def test_estimated_bias_of_some_links_leaves_the_stations_of_others(tracked):
+    three_way = {"range_bias": ["JIAMUSI>lander>KASHI"], "range_bias_per": "link"}
+    assert "KASHI" in sigmas(tracked, estimated=three_way)[0]["range_bias"]
+    of_kashi = three_way | {"range_bias": ["JIAMUSI>lander>KASHI", "KASHI>lander>KASHI"]}
+    assert "KASHI" not in sigmas(tracked, estimated=of_kashi)[0]["range_bias"]
+
+
+def test_considered_station_delay_replaces_the_default_bias(tracked):
+    stated = {"station_delay": ["KASHI"], "station_delay_sigma_s": 5e-9}
+    assert sigmas(tracked, stated)[0]["range_bias"] == {"WETTZELL": 0.01}
+    both = stated | {"range_bias": ["KASHI"], "range_bias_sigma_m": 2.0}
+    assert sigmas(tracked, both)[0]["range_bias"] == {"KASHI": 2.0}
 
 
 def test_older_ephemerides_have_larger_sigmas(model):

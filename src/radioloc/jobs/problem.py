@@ -27,7 +27,7 @@ from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.registry import KINDS
 from radioloc.measurements.target_motion import Motions
 from radioloc.noise import ObservationCovariance
-from radioloc.parameters.choice import ParameterChoice, chosen_parameters
+from radioloc.parameters.choice import ParameterChoice, chosen_parameters, with_canonical_names
 from radioloc.parameters.columns import Columns, members
 from radioloc.parameters.considered import default_sigmas, resolved
 from radioloc.parameters.parameter import Parameter, ParameterSet, Role
@@ -56,11 +56,16 @@ def _considered_choices(
 ) -> tuple[dict[str, ParameterChoice], list[str]]:
     """Return the considered members with their sigmas, by kind, and notes."""
     moon_is_considered = any(estimate.ephemeris_sigma_m) or bool(arc.trajectories)
+    with error_context("[estimate]"):
+        estimated = {
+            name: with_canonical_names(PARAMETERS[name], choice, arc.simple)
+            for name, choice in estimate.parameters.items()
+        }
     with error_context("[consider]"):
         return resolved(
             study.consider,
             arc,
-            estimate.parameters,
+            estimated,
             defaults=study.consider_defaults,
             excluded=_EPHEMERIS_KINDS if moon_is_considered else (),
         )

@@ -57,7 +57,7 @@ def resolved(
         rows = rows_of(predictor.simple)
         replacing = [estimated.get(name)]
         if name not in stated:
-            replacing += [of.get(other) for of in (estimated, stated) for other in kind.replaced_by]
+            replacing += [of.get(twin) for of in (estimated, stated) for twin in kind.replaced_by]
         considered, of_kind = _resolved(kind, choice, rows, replacing)
         notes += of_kind
         if considered is not None:
@@ -88,7 +88,7 @@ def _resolved(
     else:
         sigmas = dict.fromkeys(present, choice.sigma)
     excluded = {
-        name for other in replacing for name in _members_of(kind, scope, rows.predictor, other, present)
+        name for twin in replacing for name in _members_of(kind, scope, rows.predictor, twin, present)
     }
     chosen = [name for name in present if name in listed and name not in excluded]
     missing = [name for name in chosen if name not in sigmas]

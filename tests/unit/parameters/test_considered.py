@@ -108,8 +108,8 @@ def test_estimated_bias_of_some_links_leaves_the_stations_of_others(tracked):
 def test_considered_station_delay_replaces_the_default_bias(tracked):
     stated = {"station_delay": ["KASHI"], "station_delay_sigma_s": 5e-9}
     assert sigmas(tracked, stated)[0]["range_bias"] == {"WETTZELL": 0.01}
-    both = stated | {"range_bias": ["KASHI"], "range_bias_sigma_m": 2.0}
-    assert sigmas(tracked, both)[0]["range_bias"] == {"KASHI": 2.0}
+    with_bias = stated | {"range_bias": ["KASHI"], "range_bias_sigma_m": 2.0}
+    assert sigmas(tracked, with_bias)[0]["range_bias"] == {"KASHI": 2.0}
 
 
 def test_older_ephemerides_have_larger_sigmas(model):

@@ -20,7 +20,7 @@ Probabilities are multiplied by the number of tests (Bonferroni correction).
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -207,6 +207,7 @@ def assess_consistency(
     hypotheses: Hypotheses | None,
     epoch_utc: Epochs,
     enu_by_parameters: Floats | None,
+    rejected: Sequence[Inconsistency] = (),
 ) -> Consistency:
     """Test groups of observations, a-priori values, parameters held at zero, steps and offsets.
 
@@ -214,7 +215,7 @@ def assess_consistency(
     them (`tests/unit/jobs/test_consistency.py`).
     """
     if hypotheses is None:
-        return Consistency()
+        return Consistency(found=tuple(rejected))
     problem = hypotheses.problem
     search = _Search(hypotheses, epoch_utc, enu_by_parameters)
     group_tests = search.groups(problem)
@@ -229,8 +230,18 @@ def assess_consistency(
         if finding.hypothesis is None:
             break
         group_tests = search.groups(problem)
+    if findings and all(map(search.is_of_readmitted, findings)):
+        return Consistency(groups, tuple(rejected))  # the rejection corrects the fault
+    explained = {
+        search.run_key(rows)
+        for rows in hypotheses.readmitted
+        if findings and not search.run_is_significant(problem, rows)
+    }
     records = tuple(search.joint_records(findings, problem))
-    return Consistency(groups, records, adapted_estimate(problem, hypotheses.fit) if records else None)
+    runs = (item for item in rejected if (item.name, item.first_utc) not in explained)
+    return Consistency(
+        groups, (*records, *runs), adapted_estimate(problem, hypotheses.fit) if records else None
+    )
 
 
 def rejected_runs(
@@ -365,6 +376,23 @@ class _Search:
             )
             yield self.record(replace(test, verdict=verdict))
 
+    def is_of_readmitted(self, test: _Test) -> bool:
+        """Return whether a finding is a step or offset of a series whose outliers are most of it."""
+        codes = {int(self.hypotheses.order.code[rows[0]]) for rows in self.hypotheses.readmitted}
+        return test.kind in ("jump", "offset") and codes >= test.links.keys()
+
+    def run_key(self, rows: Rows) -> tuple[str, str]:
+        """Name and first epoch of a run, by which its record is identified."""
+        order = self.hypotheses.order
+        [first_utc] = utc_strings(self.epoch_utc[rows[:1]], decimals=0)
+        return order.series[order.code[rows[0]]].name, str(first_utc)
+
+    def run_is_significant(self, problem: BinnedProblem, rows: Rows) -> bool:
+        """Return whether a run of outliers is off once the findings are parameters."""
+        verdict = problem.test(self.hypotheses.run(rows).columns)
+        log_count = _log_test_count(len(self.hypotheses.readmitted))
+        return verdict is not None and verdict.log_chance + log_count < math.log(SIGNIFICANCE_LEVEL)
+
     def record(self, test: _Test) -> Inconsistency:
         """Return the record of a test."""
         shift_m = sigma_m = None
@@ -451,14 +479,17 @@ def _with_alternatives(best: _Test, products: ScoreProducts, tests: list[_Test],
 
 
 def _is_named_otherwise(test: _Test, products: ScoreProducts, tests: list[_Test]) -> bool:
-    """Return whether a hypothesis of a more specific kind has the same effects."""
+    """Return whether a more specific hypothesis, or a preceding kind of the same owner, has the same effects."""
     if len(test.indices) > 1:
         return False
     [k] = test.indices
-    information, rank = products.information, _KINDS.index(test.kind)
-    specific = [
-        item.indices[0] for item in tests if len(item.indices) == 1 and _KINDS.index(item.kind) < rank
-    ]
+    information, rank, owner = products.information, _KINDS.index(test.kind), test.name.partition(".")[2]
+    specific = []
+    for item in tests:
+        same_owner = item.kind == test.kind == "parameter" and item.name.partition(".")[2] == owner
+        precedes = _KINDS.index(item.kind) < rank or (same_owner and item.indices < test.indices)
+        if len(item.indices) == 1 and precedes:
+            specific.append(item.indices[0])
     squares = information[k, specific] ** 2
     return bool((squares > _MIN_SAME_EFFECT * information[k, k] * information[specific, specific]).any())
 

@@ -327,9 +327,10 @@ class ScoreProducts:
 
 
 def estimate_change(fitted: BinnedProblem, changed: BinnedProblem) -> tuple[Floats, Floats]:
-    """Change of c parameters from one problem to another with more of them, (c,), and the root of its covariance.
+    """Change of c parameters from the fit to a problem with more of them, (c,), and the root of its covariance.
 
-    The covariance is that of the difference of both linear estimates, with the noise of the second problem.
+    The covariance is that of the difference of both linear estimates, with the noise of the second problem. The first
+    has the weights of the fit.
     """
     count = len(fitted.estimate)
     effects = fitted.inverse @ fitted.weighted[:, 1:].T
@@ -337,7 +338,7 @@ def estimate_change(fitted: BinnedProblem, changed: BinnedProblem) -> tuple[Floa
         part = changed.points.of(k)
         effects[:, part] = np.linalg.solve(root.T, effects[:, part].T).T
     root_of_change = changed.inverse[:count] @ changed.whitened.T - effects
-    return changed.estimate[:count] - fitted.estimate, root_of_change
+    return changed.estimate[:count], root_of_change
 
 
 def noise_of_each(points: Points) -> dict[str, SeriesNoise]:

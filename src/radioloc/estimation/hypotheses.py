@@ -28,7 +28,9 @@ from radioloc.estimation.gauss_markov import TimeCorrelation
 from radioloc.estimation.group_tests import BinnedProblem, noise_of_each
 from radioloc.estimation.least_squares import FitResult
 from radioloc.estimation.series import SeriesOrder
+from radioloc.labels import USED
 from radioloc.measurements.registry import KINDS, is_differenced, is_integrated
+from radioloc.noise.whitening import Rows
 from radioloc.parameters.columns import PASS_GAP_H
 from radioloc.parameters.parameter import Parameter, Role
 from radioloc.parameters.registry import PARAMETERS
@@ -38,6 +40,7 @@ Links = dict[int, float]
 """Indices of series, with the sign that the tested quantity has in each."""
 Span = tuple[float, float] | None
 
+_MIN_READMITTED_FRACTION = 0.5  # of a series: robust editing presupposes that the majority is right
 _MIN_STEP_POINT_COUNT = 3  # points required on either side of a step
 ALL = "all"
 """Owner of an error that is common to all members of a kind."""
@@ -82,6 +85,7 @@ class Hypotheses:
     candidates: ConsideredErrors | None  # parameters that the fit holds at zero
     codes: tuple[int, ...]  # indices of all series
     count_s: Floats | None = None  # (n,), count intervals
+    readmitted: tuple[Rows, ...] = ()  # runs of outliers that are observations of the problem
 
     @classmethod
     def of(
@@ -92,21 +96,38 @@ class Hypotheses:
         considered: ConsideredErrors | None = None,
         candidates: ConsideredErrors | None = None,
         count_s: Floats | None = None,
+        runs: Iterable[Rows] = (),
     ) -> Hypotheses | None:
-        """Bin a fit; None without an estimate or redundancy."""
-        fit = edited.fit
+        """Bin a fit; None without an estimate or redundancy.
+
+        Runs of outliers that are most of a series may be right, and are observations of the problem.
+        """
+        fit, used, readmitted = (
+            edited.fit,
+            edited.fit.used.copy(),
+            tuple(_most_of_series(edited, order, runs)),
+        )
+        for rows in readmitted:
+            used[rows] = True
         if not edited.converged or fit.dof < 1 or not (fit.parameters.free.any() and fit.used.any()):
             return None
         noise_of = (lambda _: {}) if correlation is None else noise_of_each
+        fit = replace(fit, used=used)
         problem = BinnedProblem.of(fit, order, noise_of, considered, candidates)
         codes = tuple(np.unique(problem.code).tolist())
-        fitted = problem if edited.series_weights else replace(problem, roots=())
-        return cls(problem, fitted, fit, order, considered, candidates, codes, count_s)
+        fitted = problem if edited.series_weights or readmitted else replace(problem, roots=())
+        return cls(problem, fitted, fit, order, considered, candidates, codes, count_s, readmitted)
 
     @cached_property
     def continuous(self) -> tuple[Hypothesis, ...]:
         """All hypotheses but the steps, whose epochs depend on the residuals."""
         return (*self._wrong_priors(), *self._parameters(), *self._offsets())
+
+    def run(self, rows: Rows) -> Hypothesis:
+        """Return the hypothesis of an offset of a run of observations of one series."""
+        code, time_s = int(self.order.code[rows[0]]), self.order.time_s[rows]
+        name, span_s = self.order.series[code].name, (float(time_s.min()), float(time_s.max()))
+        return self._constant(Family.OFFSET, "offset", name, {code: 1.0}, span_s)
 
     def step_epochs_s(self, links: Links) -> Floats:
         """Epochs at which a step is tested, s, (w,)."""
@@ -232,6 +253,19 @@ class Hypotheses:
             if len(of_types) > 1:
                 for name, columns in of_types.items():
                     yield _held_at_zero(f"{kind}.{name}", columns, items[:1])
+
+
+def _most_of_series(edited: EditedFit, order: SeriesOrder, runs: Iterable[Rows]) -> Iterator[Rows]:
+    """Yield the runs of outliers of series in which they are the majority of the usable observations."""
+    usable = np.bincount(order.code[edited.initial_status.are(USED)], minlength=len(order.series))
+    runs = list(runs)
+    outliers = np.zeros(len(order.series))
+    for rows in runs:
+        outliers[order.code[rows[0]]] += len(rows)
+    for rows in runs:
+        code = order.code[rows[0]]
+        if outliers[code] > _MIN_READMITTED_FRACTION * usable[code]:
+            yield rows
 
 
 def _held_at_zero(

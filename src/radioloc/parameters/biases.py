@@ -147,7 +147,7 @@ SCALE_FACTOR = ParameterKind(
     scopes=(Scope.LINK, Scope.LINK_AND_PASS),
     partials=lambda rows: rows.computed.value_m[:, None, None],
     acts_on=all_observations,
-    scale=1e-9,
+    scale=1e-10,  # a decimetre at the Moon; frequency standards of stations are better by orders of magnitude
 )
 FREQUENCY_OFFSET = ParameterKind(
     name="frequency_offset",

@@ -111,10 +111,9 @@ def build_solution(
     )
     if consistency:
         by_parameters = None if solution.trajectory is not None else solution.enu_by_parameters
-        hypotheses = Hypotheses.of(edited, order, correlation, considered, candidates, count_s)
-        tests = assess_consistency(hypotheses, epoch_utc, by_parameters)
-        rejected = rejected_runs(edited, order, runs, epoch_utc, count_s)
-        tests = replace(tests, found=(*tests.found, *rejected))
+        hypotheses = Hypotheses.of(edited, order, correlation, considered, candidates, count_s, runs)
+        rejected = tuple(rejected_runs(edited, order, runs, epoch_utc, count_s))
+        tests = assess_consistency(hypotheses, epoch_utc, by_parameters, rejected)
         solution = with_findings(replace(solution, consistency=tests))
     return solution
 

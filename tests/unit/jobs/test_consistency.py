@@ -126,14 +126,14 @@ def test_late_time_tags_are_named_and_estimating_them_brings_the_position_back()
     study = replace(study, estimate=replace(study.estimate, height_prior=HeightPrior(-2550.4, 5.0)))
     ranges = radioloc.read_observations(study.observations.files)
     epoch = ranges.epoch
-    late = replace(ranges, epoch=Epochs(epoch.jd, epoch.fraction + 0.1 / 86400.0, "UTC"))
-    solution = radioloc.locate(study, late)
+    delayed = replace(ranges, epoch=Epochs(epoch.jd, epoch.fraction + 0.1 / 86400.0, "UTC"))
+    solution = radioloc.locate(study, delayed)
     first = solution.consistency.found[0]
     assert (first.kind, first.name) == ("parameter", "time_bias.all")
     assert first.amounts[""] == pytest.approx(-0.1, abs=0.02)
     time_bias = ParameterChoice("all", sigma=1.0)
     estimate = replace(study.estimate, parameters={**study.estimate.parameters, "time_bias": time_bias})
-    estimated = radioloc.locate(replace(study, estimate=estimate), late)
+    estimated = radioloc.locate(replace(study, estimate=estimate), delayed)
     assert not solution.converged
     assert solution.reference.north_m < -1000.0
     assert estimated.reference.combined_sigmas < 3.0
@@ -147,3 +147,43 @@ def test_wrong_height_prior_is_named_before_what_the_data_cannot_separate_from_i
     assert (first.kind, first.name) == ("a priori", "position.height")
     assert first.data_values[""] == pytest.approx(-2550.0, abs=40.0)
     assert "moon_position.radial" in {item.name for item in first.alternatives}
+
+
+DSN = """
+[target]
+longitude_deg = -51.8
+latitude_deg = 43.0
+height_m = -2500.0
+[model]
+off = ["ionosphere"]
+[simulation.position]
+longitude_deg = -51.9162
+latitude_deg = 43.0584
+height_m = -2550.4
+[simulation.sessions.ranging]
+kind = "range"
+stations = ["DSS-14", "DSS-43", "DSS-63"]
+one_uplink = true
+start = "2020-12-01T15:00:00"
+stop = "2020-12-03T15:00:00"
+step_s = 600.0
+sigma_m = 1.0
+uplink_hz = 7.2e9
+wavelength_um = 35394.6
+[simulation.noise.range]
+white_m = 0.8
+"""
+
+
+@pytest.mark.parametrize("bias_m", [30.0, 80.0, 1000.0])
+def test_a_station_whose_ranges_are_too_long_is_named_however_large_its_bias(tmp_path, bias_m):
+    """Three stations; robust editing rejects the ranges of the other two from 80 m on."""
+    (tmp_path / "dsn.toml").write_text(DSN)
+    study = radioloc.read_study(tmp_path / "dsn.toml")
+    ranges = radioloc.simulate(study).observations
+    received = np.array([path.endswith(">DSS-14") for path in ranges.paths()])
+    solution = radioloc.locate(study, replace(ranges, value_m=ranges.value_m + bias_m * received))
+    assert not solution.converged
+    [first] = solution.consistency.found
+    assert first.name == "range_bias.DSS-14"
+    assert first.amounts[""] == pytest.approx(bias_m, abs=1.0)

@@ -90,7 +90,24 @@ def test_what_varies_of_the_librations(models):
     assert rotation_rad.std(axis=0) == pytest.approx(sigma_rad, rel=0.1)
 
 
+def test_constant_sigmas_are_those_of_yearly_means(models):
+    """The constant part excludes what varies: an arc of a year has both."""
+    means = [[part.mean(axis=0) for part in spread(models, year, year + 1.0)] for year in range(1992, 2010)]
+    offset_m, rotation_rad = (np.sqrt(np.square(part).mean(axis=0)) for part in zip(*means, strict=True))
+    assert offset_m == pytest.approx(apriori("moon_position", models[0], 2007.0), rel=FACTOR - 1.0)
+    assert rotation_rad == pytest.approx(apriori("libration", models[0], 2007.0), rel=FACTOR - 1.0)
+
+
+def test_both_parts_together_are_the_whole_difference(models):
+    offset_m, rotation_rad = (
+        np.sqrt(np.square(part).mean(axis=0)) for part in spread(models, 1992.0, 2008.0)
+    )
+    for kind, difference in (("moon_position", offset_m), ("libration", rotation_rad)):
+        parts = [apriori(name, models[0], 2007.0) for name in (kind, f"{kind}_variation")]
+        assert np.hypot(*parts) == pytest.approx(difference, rel=0.4), kind
+
+
 def test_the_newer_one_counts_as_half_as_wrong(models):
-    for kind in ("moon_position_variation", "libration_variation"):
-        older, newer = (apriori(kind, model, 2020.0) for model in models)
+    for kind, components in (("moon_position_variation", slice(2)), ("libration_variation", slice(3))):
+        older, newer = (apriori(kind, model, 2020.0)[components] for model in models)
         assert newer == pytest.approx(0.5 * older)

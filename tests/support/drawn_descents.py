@@ -5,6 +5,7 @@ import tempfile
 from collections.abc import Iterable
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
 
@@ -45,16 +46,16 @@ class Outcome:
         return float(np.hypot(*self.error_m)) / self.map_pixel_m
 
 
-def outcome(seed: int) -> Outcome:
-    """Draw a descent, write its files, and locate the lander by them."""
+def outcome(seed: int, relief: float = 1.0, with_dem: bool = True) -> Outcome:
+    """Draw a descent, write its files, and locate the lander by them, with or without the elevation model."""
     with tempfile.TemporaryDirectory() as folder:
-        return _located(seed, Path(folder))
+        return _located(seed, Path(folder), relief, with_dem)
 
 
-def _located(seed: int, folder: Path) -> Outcome:
+def _located(seed: int, folder: Path, relief: float, with_dem: bool) -> Outcome:
     rng = np.random.default_rng([seed, 2021])
     plane = TangentPlane(rng.uniform(-180.0, 180.0), rng.uniform(-60.0, 60.0))
-    ground = Ground(plane, seed=seed, level_m=rng.uniform(-3000.0, 1000.0))
+    ground = Ground(plane, seed=seed, level_m=rng.uniform(-3000.0, 1000.0), relief=relief)
     azimuth_deg = rng.uniform(0.0, 360.0)
     apart_deg = rng.uniform(-1.0, 1.0) * SUNS_APART_DEG
     elevation_deg, elevation_of_map_deg = rng.uniform(*SUN_ELEVATION_DEG, 2)
@@ -81,7 +82,7 @@ def _located(seed: int, folder: Path) -> Outcome:
             files=tuple(files),
             base_map_sigma_m=tuple(tie_m),
             base_map=folder / "map.tif",
-            dem=folder / "dem.tif",
+            dem=folder / "dem.tif" if with_dem else None,
         ),
         CameraChoice(FOCAL_MM, PIXEL_UM, distortion=DISTORTION),
     )
@@ -98,7 +99,8 @@ def _located(seed: int, folder: Path) -> Outcome:
     return Outcome(seed, solution.message, pixel_m, apart_deg, tuple(error_m), float(relative), float(total))
 
 
-def outcomes(seeds: Iterable[int]) -> list[Outcome]:
+def outcomes(seeds: Iterable[int], relief: float = 1.0, with_dem: bool = True) -> list[Outcome]:
     """Return the outcomes of descents, in parallel processes."""
+    located = partial(outcome, relief=relief, with_dem=with_dem)
     with ProcessPoolExecutor(mp_context=get_context("spawn")) as pool:
-        return list(pool.map(outcome, seeds))
+        return list(pool.map(located, seeds))

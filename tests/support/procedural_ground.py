@@ -37,6 +37,7 @@ class Ground:
     seed: int = 0
     level_m: float = 0.0  # of the ground under the relief, above the 1737.4 km sphere
     largest_m: float = 4000.0  # longest wavelength of the relief; craters are up to half as wide
+    relief: float = 1.0  # factor of heights; 0 is the picture of the relief on flat ground
 
     def heights_at_m(self, east_north_m: ArrayLike, pixel_m: float) -> Floats:
         """Return heights above the 1737.4 km sphere at places, shape (n, 2), smoothed to the size of pixels, m."""
@@ -154,7 +155,7 @@ class Ground:
         return out
 
     def _of_relief(self) -> tuple[Any, ...]:
-        return self.largest_m, np.uint64(self.seed), self.level_m
+        return self.largest_m, np.uint64(self.seed), self.level_m, self.relief
 
 
 def as_bytes(brightness: Floats, sun: Floats, noise: float, seed: int) -> NDArray[np.uint8]:

@@ -143,13 +143,14 @@ def look(
     largest_m: float,
     seed: np.uint64,
     level_m: float,
+    relief: float,
     brightness: Floats,
     points_m: Floats,
 ) -> int:
     """Compute brightness and place of the ground on unit rays from a point; return the number without ground.
 
     Axes are east, north and up at the plane's point of contact, from the Moon's centre. Places on the ground are
-    orthographic projections of the point on the sphere.
+    orthographic projections of the point on the sphere. Heights are multiplied by `relief`, slopes in the shading not.
     """
     missed = 0
     radial_m = math.sqrt(origin_m[0] ** 2 + origin_m[1] ** 2 + origin_m[2] ** 2)
@@ -162,6 +163,7 @@ def look(
         seed,
         level_m,
     )
+    nadir_m = level_m + relief * (nadir_m - level_m)
     level = nadir_m
     for k in range(len(directions)):
         dx, dy, dz = directions[k, 0], directions[k, 1], directions[k, 2]
@@ -186,10 +188,11 @@ def look(
             x, y = radius_m * px / r, radius_m * py / r
             pixel_m = t * slope_per_pixel
             h, hx, hy = height(x, y, pixel_m, largest_m, seed, level_m)
+            h = level_m + relief * (h - level_m)
             clearance = r - radius_m - h
             fall = (px * dx + py * dy + pz * dz) / r
             # Newton's step, bounded for steep ground.
-            steep = fall - hx * (dx - fall * px / r) - hy * (dy - fall * py / r)
+            steep = fall - relief * (hx * (dx - fall * px / r) + hy * (dy - fall * py / r))
             if steep > 0.5 * fall:
                 steep = 0.5 * fall
             if t < lower:
@@ -226,10 +229,17 @@ def look(
 
 @numba.njit(cache=True, nogil=True)
 def heights(
-    east_north_m: Floats, pixel_m: float, largest_m: float, seed: np.uint64, level_m: float, out: Floats
+    east_north_m: Floats,
+    pixel_m: float,
+    largest_m: float,
+    seed: np.uint64,
+    level_m: float,
+    relief: float,
+    out: Floats,
 ) -> None:
-    """Compute heights of places, their derivatives and albedos, shape (n, 4)."""
+    """Compute heights of places, slopes of the shading and albedos, shape (n, 4)."""
     for k in range(len(east_north_m)):
         x, y = east_north_m[k, 0], east_north_m[k, 1]
-        out[k, 0], out[k, 1], out[k, 2] = height(x, y, pixel_m, largest_m, seed, level_m)
+        h, out[k, 1], out[k, 2] = height(x, y, pixel_m, largest_m, seed, level_m)
+        out[k, 0] = level_m + relief * (h - level_m)
         out[k, 3] = _albedo(x, y, pixel_m, largest_m, seed)

@@ -6,6 +6,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -36,10 +37,11 @@ _MIN_PART_WITH_HEIGHT = 0.5  # of an image's tie points, for poses over the elev
 # Largest distance from the middle of an image's tie points, in their standard deviations; a square's corner has 2.4.
 _MAX_EXTRAPOLATION = 4.0
 # Common error of all map features beside the map's tie, as a part of the map's pixel: under another Sun craters shift
-# by up to a pixel each, but by less than a tenth in the mean. It does not decrease with the number of tie points.
-_COMMON_PIXEL_PART = 0.1
-# The same for ground taken as a plane, as a part of the rms residual of places on the map: relief shifts neighbouring
-# tie points alike, and places err as if four of them were independent.
+# by up to a pixel each, but by less than a tenth in the mean. This bound, as of a uniform distribution, is sqrt(3)
+# sigmas. The error does not decrease with the number of tie points.
+_COMMON_PIXEL_PART = 0.1 / math.sqrt(3.0)
+# The same for ground taken as a plane, as a part of the rms displacement by relief: it is equal for neighbouring tie
+# points, and places err as if four of them were independent. The noise of features is independent and averages out.
 _COMMON_RELIEF_PART = 0.5
 
 
@@ -97,8 +99,8 @@ class Registration:
     ) -> GroundPoint:
         """Return the place of a pixel of a registered image, by default its centre, with its covariance.
 
-        The covariance includes errors of features and of the chain, and those common to all points: the map's tie, a
-        tenth of its pixel and, without relief, half of its rms residual.
+        The covariance includes errors of features and of the chain, and those common to all points: the map's tie,
+        0.058 of its pixel and, without relief, half of the rms displacement by relief.
         """
         if name not in self._images:
             status = {frame.name: frame.status.value for frame in self.frames}.get(name, "not an image")
@@ -216,8 +218,7 @@ def adjusted_registration(
     relief = isinstance(result.model, Poses)
     common_m = _COMMON_PIXEL_PART * chain.map.base.resolution_m
     if not relief:
-        rms_m = float(np.sqrt(np.mean(result.map_residuals_m[result.map_used] ** 2)))
-        common_m = float(np.hypot(common_m, _COMMON_RELIEF_PART * rms_m))
+        common_m = math.hypot(common_m, common_relief_m(ties, result))
     _require_order([frame for frame in frames if frame.is_registered])
     return Registration(
         frames=tuple(frames),
@@ -232,6 +233,13 @@ def adjusted_registration(
         _adjusted=result,
         _images={chain.images[number].name: (k, chain.images[number]) for k, number in enumerate(numbers)},
     )
+
+
+def common_relief_m(ties: TiePoints, result: Adjusted) -> float:
+    """Return the sigma common to places on ground taken as a plane, m, from residuals beyond the stated map noise."""
+    used = result.map_used
+    square_m2 = np.mean(result.map_residuals_m[used] ** 2) - np.mean(ties.map_sigma_m[used] ** 2)
+    return _COMMON_RELIEF_PART * math.sqrt(max(0.0, float(square_m2)))
 
 
 def _adjusted(chain: ImageChain, terrain: TerrainModel | None) -> tuple[list[int], TiePoints, Adjusted]:

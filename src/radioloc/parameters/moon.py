@@ -62,21 +62,24 @@ def _love_numbers(rows: ObservationRows) -> Floats:
 
 def _position_sigmas(rows: ObservationRows, _: Members) -> Sigmas:
     """Return sigmas by ephemeris; other ephemerides count as DE421."""
-    # DE421, of data until 2007, less DE440 from 1992 to 2050: 0.3 m (rms) away from the Earth, 0.4 m normal to the
-    # orbit, and along it 0.8 m and what grows with the square of time, 1.2 m in 2005 to 2010, 2.8 m in 2019 to 2025.
-    # DE440 is tied to the ICRF to 0.2 mas (Park et al. 2021), 0.4 m at the Moon, and by ranges to the reflectors to
-    # decimetres.
+    # Means over a year of DE421, of data until 2007, less DE440 from 1992 to 2050, rms: 0.22 m away from the Earth,
+    # 0.03 m normal to the orbit, and along it 0.8 m and a part that grows with the square of time, 1.2 m in 2005 to
+    # 2010, 2.8 m in 2019 to 2025. DE440 is tied to the ICRF to 0.2 mas (Park et al. 2021), 0.4 m at the Moon, and by
+    # ranges to the reflectors to decimetres. A tilt of the orbit displaces the Moon by a sine of the month, which is
+    # part of the variation below.
     if rows.model.ephemeris.name == "DE440":
-        return {"": (0.1, 0.4, 0.4)}
-    return {"": (0.3, 0.8 + 0.0042 * _years(rows) ** 2, 0.4)}
+        return {"": (0.1, 0.4, 0.04)}
+    return {"": (0.22, 0.8 + 0.0042 * _years(rows) ** 2, 0.04)}
 
 
 def _position_variation_sigmas(rows: ObservationRows, _: Members) -> Sigmas:
     """Return the monthly part of DE421 less DE440; half of it for DE440, which has 13 years of data more."""
     # About the mean of some years, rms: away from the Earth 0.03 m until 2008, 0.07 m in 2010 to 2020, 0.14 m in 2020
-    # to 2030, 0.29 m in 2030 to 2049; along the orbit 0.1 m besides its trend; normal to it 0.4 m.
-    half = 0.5 if rows.model.ephemeris.name == "DE440" else 1.0
-    return {"": (half * (0.03 + 0.00016 * _years(rows) ** 2), half * 0.1, half * 0.4)}
+    # to 2030, 0.29 m in 2030 to 2049; along the orbit 0.1 m besides its trend; normal to it 0.4 m. For DE440 half of
+    # the latter and a tilt of 0.2 mas, whose sine has an rms of 0.26 m, are 0.33 m.
+    newer = rows.model.ephemeris.name == "DE440"
+    half = 0.5 if newer else 1.0
+    return {"": (half * (0.03 + 0.00016 * _years(rows) ** 2), half * 0.1, 0.33 if newer else 0.4)}
 
 
 def _years(rows: ObservationRows) -> float:
@@ -85,9 +88,9 @@ def _years(rows: ObservationRows) -> float:
 
 
 def _libration_sigmas(rows: ObservationRows, _: Members) -> Sigmas:
-    """Return the rms of DE421 less DE440 in mean-Earth axes, 1992 to 2050; for DE440 the variation of that."""
+    """Return the rms of yearly means of DE421 less DE440 in mean-Earth axes, 1992 to 2050; about half for DE440."""
     newer = rows.model.ephemeris.name == "DE440"
-    return {"": (5e-8, 5e-8, 5e-8) if newer else (0.9e-7, 1.5e-7, 0.7e-7)}
+    return {"": (5e-8, 5e-8, 5e-8) if newer else (0.8e-7, 1.4e-7, 0.5e-7)}
 
 
 def _libration_variation_sigmas(rows: ObservationRows, _: Members) -> Sigmas:

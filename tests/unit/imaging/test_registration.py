@@ -1,7 +1,10 @@
 """Registration of descents over procedural ground: place of the last image, and status of each image."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from image_chains import Chain, drawn_ties
 from image_descents import PIXEL_M, Descent, scene
 from scenes import frame, frame_matrix
 
@@ -10,7 +13,7 @@ from radioloc.imaging import Distortion, image_chain
 from radioloc.imaging.cameras import Camera, undistorted
 from radioloc.imaging.frames import find_mask, read_frame
 from radioloc.imaging.image_chain import Frame, FrameStatus
-from radioloc.imaging.registration import register_chain
+from radioloc.imaging.registration import common_relief_m, register_chain
 from radioloc.lunar.maps import Map
 
 MAP_M = (5.0, 5.0)
@@ -113,8 +116,20 @@ def test_last_images_that_only_match_each_other_are_untied(base):
     expected = [FrameStatus.REGISTERED] * 3 + [FrameStatus.UNMATCHED, FrameStatus.UNTIED]
     assert list(statuses(result).values()) == expected
     assert result.frames[4].matched_to == ("0003.png",)
+    # Feature noise on flat ground averages out: less than a tenth of a pixel is common to all points.
+    assert result.common_sigma_m < 0.1 * PIXEL_M
     with pytest.raises(InputError, match=r"0004\.png is untied"):
         result.ground_point("0004.png")
+
+
+@pytest.mark.parametrize(("relief_m", "common_m"), [(0.0, 0.0), (4.0, 2.0)])
+def test_common_error_of_a_plane_is_half_of_the_displacement_by_relief(relief_m, common_m):
+    rng = np.random.default_rng(1)
+    chain = Chain(images=6, map_below=6, on_map=300)
+    ties = drawn_ties(chain, rng, sigma_px=0.6, map_sigma_m=3.0, outliers=0.0)
+    displaced_m = ties.map_m + rng.normal(0.0, relief_m, ties.map_m.shape)
+    result = chain.adjusted(replace(ties, map_m=displaced_m))
+    assert common_relief_m(ties, result) == pytest.approx(common_m, abs=0.5)
 
 
 @pytest.mark.slow

@@ -248,7 +248,7 @@ class Hypotheses:
                 columns = self.problem.candidate_columns(indices, codes)
                 if columns.any():
                     of_types[name] = columns.sum(axis=1, keepdims=True)
-            if len(items) > 1:
+            if of_types and len(items) > 1:
                 yield _held_at_zero(f"{kind}.{ALL}", sum(of_types.values(), np.zeros((1, 1))), items[:1])
             if len(of_types) > 1:
                 for name, columns in of_types.items():

@@ -8,12 +8,27 @@ from contextlib import suppress
 from typing import Any
 
 from radioloc.errors import InputError
+from radioloc.progress import announce
 
 _THREADS = os.environ.get("NUMBA_NUM_THREADS", "1")
 if not (_THREADS.isdecimal() and int(_THREADS) > 0):  # the import of numba would fail with a ValueError
     raise InputError(f"NUMBA_NUM_THREADS: expected a positive integer, got {_THREADS!r}; correct or unset it")
 
 import numba  # noqa: E402
+from numba.core import event  # noqa: E402
+
+
+class _Announcer(event.Listener):
+    """Listener that announces the compilation of functions without machine code on the disk."""
+
+    def on_start(self, event: Any) -> None:
+        announce("compiling the inner loops (once) ...")
+
+    def on_end(self, event: Any) -> None:
+        pass
+
+
+event.register("numba:compile", _Announcer())
 
 
 def compiled(**options: Any) -> Callable[[Callable[..., Any]], Any]:

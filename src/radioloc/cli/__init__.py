@@ -25,6 +25,7 @@ from radioloc.cli.output import (
 )
 from radioloc.cli.registry import make_parser
 from radioloc.errors import ConvergenceError, RadiolocError, RadiolocWarning
+from radioloc.progress import SILENT
 
 __all__ = [
     "JSON",
@@ -56,6 +57,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         show_warnings_once()
         try:
             options = make_parser().parse_args(arguments)
+            SILENT.set(options.quiet)
             with logged(options.verbose), standard_streams(options):
                 require_report(options)
                 status: int = options.run(options)

@@ -350,7 +350,9 @@ class RestrictedLikelihood:
         white_variance = np.append(1.0 + np.outer(1.0 - mean.sum(axis=1), ratio), 1.0)
         variance = np.zeros((len(mean.T), len(white_variance)))
         variance[:, :-1] = (mean.T[:, :, None] * ratio).reshape(len(mean.T), -1)
-        log_determinant, products = filter_grid(item.step_s, tau_s.T, variance, item.gain, item.columns)
+        log_determinant, products = filter_grid(
+            item.step_s, np.ascontiguousarray(tau_s.T), variance, item.gain, item.columns
+        )
         log_determinant += (self.points.count[item.number] - len(item.step_s)) * np.log(white_variance)
         products[-1, -1] += item.inside / white_variance
         return log_determinant, products

@@ -62,7 +62,8 @@ _MAX_ROUND_COUNT = 3  # of noise and most significant explanation, each found by
 class Inconsistency:
     """Consistency test of a group of observations or of an explanation, with its result."""
 
-    # Removed: "station", "link", "type", "pass"; estimated: "a priori", "parameter", "jump", "offset"; rejected: "run".
+    # Removed: "station", "link", "type", "pass"; estimated: "a priori", "parameter", "jump", "offset"; rejected: "run";
+    # stated: "sigma".
     kind: str
     name: str  # station, link, type or parameter that is tested
     chi2: float  # test statistic
@@ -120,6 +121,11 @@ class Inconsistency:
                 return f"{self.name} is off by {_amount(value, self.unit)}{period}"
             case "run":
                 return f"{self.dof} observations of {self.name}{period} are off by {value:+.3g} {self.unit}, rejected"
+            case "sigma":
+                factor, word = (value, "small") if value > 1.0 else (1.0 / value, "large")
+                text = f"{factor:.0f}" if factor >= 10.0 else f"{factor:.2g}"
+                members = f" of {self.name}" if self.name else ""
+                return f"the stated sigmas{members} are about {text} times too {word}"
             case "parameter":
                 return f"the {parameter_label(self.name)} is {parts}, not zero"
             case "a priori":

@@ -20,6 +20,7 @@ parameters, are subtracted first.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -47,6 +48,12 @@ _MAX_STATION_SIGMA_RATIO = (
     1e3  # largest sigma of a station over that of a baseline; more is an error of the model
 )
 _ROUNDING = 1e-9
+_MAX_STEP_S = 1800.0  # mean time between successive residuals: errors of the model vary over hours
+MIN_DIFFERENCES = 20  # second differences of a series that determine its noise to a half
+_LOWER_QUARTILE = 0.3186  # of the size of normal residuals; outliers move it less than the median
+_MIN_NOISE_RATIO = 3.0
+"""Noise over stated sigmas from which the limit of five sigmas rejects a tenth of good data. A quarter of outliers
+feeds second differences by less."""
 _MIN_SQUARE_SUM = 1e-99  # sum of squares of residuals of zero
 _MIN_VARIANCE_RATIO = 2.0  # ratio of the variance of a station to the mean, for variances of each station
 
@@ -69,6 +76,65 @@ def by_link(order: SeriesOrder, gap_s: float = np.inf) -> Labels:
     group = np.empty(len(code), dtype=np.intp)
     group[order.order] = run
     return Labels.coded(texts, group)
+
+
+def noise_ratios(differences: Differences, count: int) -> Floats:
+    """Noise of each series over its sigmas by the lower quartile of second differences; 1 of short series."""
+    ends = np.cumsum(np.bincount(differences.code, minlength=count))
+    parts = np.split(np.abs(differences.value), ends[:-1])
+    return np.array(
+        [np.quantile(part, 0.25) / _LOWER_QUARTILE if len(part) >= MIN_DIFFERENCES else 1.0 for part in parts]
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Differences:
+    """Second differences of successive residuals of each series over their sigmas, of the variance of the residuals."""
+
+    code: NDArray[np.intp]  # (m,), index of the series, ascending
+    value: Floats  # (m,)
+
+    @classmethod
+    def of(
+        cls, residual_m: Floats, sigma_m: Floats, selected: NDArray[np.bool_], order: SeriesOrder
+    ) -> Differences:
+        """Differences of selected observations; those with long gaps between them are omitted."""
+        rows = order.order[selected[order.order]]
+        code, time_s, normalized = order.code[rows], order.time_s[rows], residual_m[rows] / sigma_m[rows]
+        is_joined = (code[2:] == code[:-2]) & (time_s[2:] - time_s[:-2] < 2.0 * _MAX_STEP_S)
+        # Independent noise of unit variance has second differences of variance 1 + 4 + 1.
+        value = (normalized[2:] - 2.0 * normalized[1:-1] + normalized[:-2]) / math.sqrt(6.0)
+        return cls(code[2:][is_joined], value[is_joined])
+
+
+def noisy_groups(
+    fit: FitResult, usable: NDArray[np.bool_], order: SeriesOrder
+) -> tuple[Labels, Floats] | None:
+    """Return groups of types, stations and links much noisier than stated with their noise, m, or None.
+
+    The noise is that of each observation (n,) and zero for the others. Outliers and errors of the model hardly feed
+    second differences, and the weights that the stated sigmas give to the noisy series do not either. Without it a
+    station that states a hundredth of its sigmas determines the estimate, and its own observations are rejected
+    (`tests/unit/jobs/test_stated_sigmas.py`).
+    """
+    ratios = noise_ratios(Differences.of(fit.residual_m, fit.sigma_m, usable, order), len(order.series))
+    is_noisy = ratios > _MIN_NOISE_RATIO
+    if not is_noisy.any():
+        return None
+    names = [series.kind for series in order.series]
+    for kind in {*names}:
+        codes = [code for code, series in enumerate(order.series) if series.kind == kind]
+        if is_noisy[codes].all():
+            continue
+        for code in np.flatnonzero(is_noisy[codes]).tolist():
+            names[codes[code]] = f"{kind} of {order.series[codes[code]].path}"
+        for station, members in order.of_stations(codes).items():
+            of_station = [code for code, sign in members.items() if sign]
+            if is_noisy[of_station].all():
+                for code in of_station:
+                    names[code] = f"{kind} of {station}"
+    noise_m = np.where(is_noisy, ratios, 0.0)[order.code] * fit.sigma_m
+    return Labels.coded(names, order.code), noise_m
 
 
 def split(fit: FitResult, order: SeriesOrder, groups: Labels, added_m: Mapping[str, float]) -> Labels | None:

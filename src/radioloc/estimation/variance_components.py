@@ -18,11 +18,11 @@ from numpy.typing import ArrayLike, NDArray
 from radioloc.estimation.editing import THRESHOLD, EditedFit, fit_with_editing
 from radioloc.estimation.least_squares import FitResult
 from radioloc.estimation.linearization import ResidualFunction
-from radioloc.estimation.noise_structure import noise_with_shared, split
+from radioloc.estimation.noise_structure import noise_with_shared, noisy_groups, split
 from radioloc.estimation.series import SeriesOrder
 from radioloc.estimation.statistics import SCALING_PROBABILITY, chi2_quantile
 from radioloc.estimation.status import FitStatus
-from radioloc.labels import Labels
+from radioloc.labels import USED, Labels
 from radioloc.noise.covariance import ObservationCovariance, White
 from radioloc.noise.whitening import column
 from radioloc.parameters.parameter import ParameterSet
@@ -81,12 +81,20 @@ def fit_with_variance_components(
     edited = fit_with_editing(
         residual_function, parameters, sigma_m, status=status, threshold=threshold, start=start
     )
-    problem = _Problem(residual_function, parameters, edited.fit.noise, edited.initial_status, threshold)
+    problem = _Problem(
+        residual_function, parameters, edited.fit.noise, edited.initial_status, threshold, start
+    )
     if order is None:
         return problem.settled(edited, Labels(np.zeros(len(edited.initial_status), dtype=np.int32), ("all",)))
     if groups is not None:
         return problem.with_shared(problem.settled(edited, groups), order, groups)
     groups = order.types
+    usable = edited.initial_status.are(USED)
+    has_outliers = not edited.complete or bool((usable & ~edited.fit.used).any())
+    noisy = noisy_groups(edited.fit, usable, order) if has_outliers else None
+    if noisy is not None:
+        groups, noise_m = noisy
+        edited = problem.fit_with(noise_m, None)
     edited = problem.settled(edited, groups)
     for _ in range(_MAX_SPLIT_COUNT):
         divided = split(edited.fit, order, groups, edited.additive_sigma_m) if edited.ended else None
@@ -105,8 +113,9 @@ class _Problem:
     stated: ObservationCovariance
     initial_status: Labels
     threshold: float | None
+    start: Floats | None
 
-    def fit_with(self, added_m: Floats, previous: EditedFit) -> EditedFit:
+    def fit_with(self, added_m: Floats, previous: EditedFit | None) -> EditedFit:
         """Fit with components (n,), m, from a previous fit if that converged."""
         return fit_with_editing(
             self.residual_function,
@@ -114,7 +123,8 @@ class _Problem:
             self.stated.plus(White(added_m)),
             status=self.initial_status,
             threshold=self.threshold,
-            previous=previous if previous.converged else None,
+            previous=previous if previous is not None and previous.converged else None,
+            start=self.start,
         )
 
     def with_shared(self, edited: EditedFit, order: SeriesOrder, groups: Labels) -> EditedFit:

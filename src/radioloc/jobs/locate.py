@@ -222,6 +222,7 @@ def _solution(fitted: _Fitted, consistency: bool) -> Solution:
         count_s=observations.count_s,
         doubts=fitted.doubts,
         order=problem.order,
+        stated_m=problem.noise.sigma_m,
         consistency=consistency,
         ephemeris_sigma_enu_m=np.zeros(3) if estimate is None else np.array(estimate.ephemeris_sigma_m),
         name=study.name,

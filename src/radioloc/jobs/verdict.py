@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.estimation.editing import EditedFit
 from radioloc.estimation.series import SeriesOrder
+from radioloc.estimation.stated_sigmas import noise_over_stated
 from radioloc.estimation.status import Doubt, FitStatus
 from radioloc.estimation.variance_components import mean_leverage
 from radioloc.labels import USED
@@ -53,6 +54,10 @@ def misfits(edited: EditedFit, stated_m: NDArray[np.float64], order: SeriesOrder
         floor_m = 0.0 if is_integrated(np.array(KINDS.index(name))) else _MIN_SIGMA_M
         residual_m, sigma_m = fit.residual_m[rows], np.maximum(stated_m[rows], floor_m)
         ratio = math.sqrt(float(np.square(residual_m / sigma_m).sum()) / dof)
+        # Noise larger than stated is in the variance components and leaves the estimate usable.
+        if ratio > MAX_MISFIT_RATIO:
+            noise_ratio = noise_over_stated(edited, stated_m, order)[order.code[rows]]
+            ratio = math.sqrt(float(np.square(residual_m / (noise_ratio * sigma_m)).sum()) / dof)
         if ratio > MAX_MISFIT_RATIO:
             rms_m = math.sqrt(float(np.square(residual_m).mean()))
             beyond.append(f"of {name} {ratio:.4g} times ({rms_m:.3g} m rms)")

@@ -18,6 +18,7 @@ from radioloc.estimation.editing import EditedFit, outlier_runs, run_reasons, wi
 from radioloc.estimation.hypotheses import Hypotheses
 from radioloc.estimation.observability import assess_observability
 from radioloc.estimation.series import SeriesOrder, seconds_since_midnight
+from radioloc.estimation.stated_sigmas import wrong_sigmas
 from radioloc.estimation.statistics import FitStatistics, Residuals
 from radioloc.estimation.status import Doubt, FitStatus
 from radioloc.estimation.time_correlation import estimated_covariance
@@ -45,12 +46,14 @@ def build_solution(
     candidates: ConsideredErrors | None = None,
     doubts: Sequence[Doubt] = (),
     order: SeriesOrder | None = None,
+    stated_m: Floats | None = None,
     consistency: bool = True,
     **described: Any,
 ) -> Solution:
     """Assemble a solution of an edited fit of n observations, its noise scaled to larger residuals.
 
-    `considered` are the errors outside the weights of the fit, `candidates` the parameters that it holds at zero.
+    `considered` are the errors outside the weights of the fit, `candidates` the parameters that it holds at zero,
+    `stated_m` (n,) the sigmas without variance components.
     """
     # `elevation_deg` is the lower of the stations' elevations, `count_s` NaN of types that are not counted. `described`
     # are further fields of Solution, among them position_pa_m, position_partials, rot_pa_to_me, pa_frame and me_frame.
@@ -114,6 +117,8 @@ def build_solution(
         hypotheses = Hypotheses.of(edited, order, correlation, considered, candidates, count_s, runs)
         rejected = tuple(rejected_runs(edited, order, runs, epoch_utc, count_s))
         tests = assess_consistency(hypotheses, epoch_utc, by_parameters, rejected)
+        sigmas = () if stated_m is None else wrong_sigmas(edited, stated_m, order)
+        tests = replace(tests, found=(*tests.found, *sigmas))
         solution = with_findings(replace(solution, consistency=tests))
     return solution
 

@@ -13,7 +13,7 @@ SMOKE := tests/unit/test_package.py tests/unit/test_cli.py tests/unit/test_reade
 	tests/unit/kernels tests/unit/lunar/test_terrain_files.py tests/unit/jobs/test_trajectory_study.py \
 	tests/unit/jobs/test_monte_carlo.py tests/unit/results tests/unit/report
 
-.PHONY: demo test test-studies test-all fuzz coverage test-uncompiled test-lowest package audit lint docs notebooks bench calibration scaling clean
+.PHONY: demo test test-studies test-all fuzz coverage test-uncompiled test-lowest package audit lint docs notebooks bench calibration faults scaling clean
 
 $(VENV)/.installed-demo: pyproject.toml
 	$(PYTHON) -m venv $(VENV)
@@ -94,6 +94,9 @@ bench: $(VENV)/.installed-bench  ## Ratios against what else there is, off by de
 DRAWS ?= 300
 calibration: $(VENV)/.installed-dev  ## Draw known truths in all kinds of tracking, and hold stated sigmas against their errors: table and figure in out/calibration.
 	PYTHONPATH=tests/support $(BIN)/python tests/support/calibration.py --draws $(DRAWS) $(if $(CELL),--cell "$(CELL)")
+
+faults: $(VENV)/.installed-dev  ## Fit simulated tracking with faults; FAULTS_ARGS are worlds, faults and seeds (--help).
+	PYTHONPATH=tests/support OMP_NUM_THREADS=1 $(BIN)/python tests/benchmarks/faults.py $(FAULTS_ARGS)
 
 scaling: $(VENV)/.installed-dev  ## Time and memory from a thousand to ten million observations, as docs/images/scaling.png.
 	$(BIN)/python tests/benchmarks/scaling.py docs/images/scaling.png

@@ -39,7 +39,6 @@ from radioloc.estimation.group_tests import (
 )
 from radioloc.estimation.hypotheses import Family, Hypotheses, Hypothesis, Links, Span, passes
 from radioloc.estimation.series import SeriesOrder
-from radioloc.estimation.time_correlation import mixed_units
 from radioloc.noise.whitening import Rows
 from radioloc.parameters.registry import parameter_label
 from radioloc.time import Epochs, utc_strings
@@ -289,7 +288,7 @@ class _Search:
 
     def groups(self, problem: BinnedProblem) -> list[_Test]:
         """Test the removal of each link, type, station and pass of a station."""
-        order, width = self.hypotheses.order, mixed_units(self.hypotheses.fit)[1]
+        order, width = self.hypotheses.order, self.hypotheses.units[1]
         codes = self.hypotheses.codes
         groups: dict[tuple[str, str], Links] = {
             ("link", order.series[code].name): {code: 1.0} for code in codes
@@ -404,7 +403,7 @@ class _Search:
         shift_m = sigma_m = None
         verdict, item, fit = test.verdict, test.hypothesis, self.hypotheses.fit
         if self.enu_by_parameters is not None:
-            units, width = mixed_units(fit)
+            units, width = self.hypotheses.units
             estimated = fit.parameters.free & ~fit.parameters.considered
             adjusted = estimated[fit.parameters.free]
             by_unit = self.enu_by_parameters[:, np.flatnonzero(estimated)] @ units[adjusted, :width]

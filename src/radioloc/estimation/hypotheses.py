@@ -28,6 +28,7 @@ from radioloc.estimation.gauss_markov import TimeCorrelation
 from radioloc.estimation.group_tests import BinnedProblem, noise_of_each
 from radioloc.estimation.least_squares import FitResult
 from radioloc.estimation.series import SeriesOrder
+from radioloc.estimation.time_correlation import mixed_units
 from radioloc.labels import USED
 from radioloc.measurements.registry import KINDS, is_differenced, is_integrated
 from radioloc.noise.whitening import Rows
@@ -117,6 +118,11 @@ class Hypotheses:
         codes = tuple(np.unique(problem.code).tolist())
         fitted = problem if edited.series_weights or readmitted else replace(problem, roots=())
         return cls(problem, fitted, fit, order, considered, candidates, codes, count_s, readmitted)
+
+    @cached_property
+    def units(self) -> tuple[Floats, int]:
+        """Parameters by those of the binned problem, and the number of the latter, without considered ones."""
+        return mixed_units(self.fit)
 
     @cached_property
     def continuous(self) -> tuple[Hypothesis, ...]:

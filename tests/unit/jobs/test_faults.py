@@ -1,0 +1,29 @@
+"""Some cells of the benchmark of faults, so that its worlds, faults and classes stay in use (`make faults`)."""
+
+import pytest
+from fault_worlds import world
+from faults import FAULTS, NO_FAULT, OUTCOMES, run
+
+BY_NAME = {fault.name: fault for fault in FAULTS}
+
+
+def test_fit_without_fault_is_right_and_names_nothing():
+    outcome = run(world("three-way"), NO_FAULT, 0)
+    assert (outcome.outcome, outcome.exit, outcome.named) == ("right", 0, ())
+
+
+@pytest.mark.parametrize("name", ["station 300 m long", "tags in TAI"])
+def test_gross_fault_is_not_silent(name):
+    outcome = run(world("three-way"), BY_NAME[name], 0)
+    assert outcome.outcome in OUTCOMES
+    assert outcome.outcome != "silent"
+
+
+def test_values_in_single_precision_are_refused_by_name():
+    outcome = run(world("dsn"), BY_NAME["single precision"], 0)
+    assert (outcome.outcome, outcome.exit) == ("refused, culprit first", 2)
+
+
+def test_benchmark_has_enough_faults_and_cells():
+    assert len(FAULTS) == len(BY_NAME) >= 40
+    assert sum(len(fault.worlds) for fault in FAULTS) >= 150

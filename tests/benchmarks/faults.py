@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from fault_worlds import REAL, WORLDS, world
-from faults import FAULTS, NO_FAULT, OUTCOMES, Fault, Outcome, run
+from tracking_faults import FAULTS, NO_FAULT, OUTCOMES, Fault, Outcome, run
 
 COLUMNS = ("world", "fault", "seed", "outcome", "status", "error_m", "sigmas", "place", "named", "text")
 SEEDS, CLEAN_SEEDS = 3, 60

@@ -2,7 +2,7 @@
 
 import pytest
 from fault_worlds import world
-from faults import FAULTS, NO_FAULT, OUTCOMES, run
+from tracking_faults import FAULTS, NO_FAULT, OUTCOMES, run
 
 BY_NAME = {fault.name: fault for fault in FAULTS}
 

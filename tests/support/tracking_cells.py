@@ -10,10 +10,8 @@ from change5_case import LANDER, NEAR, START, VLBI
 from threadpoolctl import threadpool_limits
 
 from radioloc import Study
-from radioloc.jobs.compared_target import true_parameters
 from radioloc.jobs.linear_trials import LinearArc, LinearTrials
 from radioloc.jobs.prepared_trials import Prepared
-from radioloc.parameters.parameter import ParameterSet
 from radioloc.simulation import (
     Masks,
     Noise,
@@ -38,32 +36,12 @@ SIGNAL = {"wavelength_um": 35394.6}
 STOP = "2020-12-03T15:10:00"
 
 
-def matched_trials(study: Study, hours: float, simulated: Sequence[str] = ()) -> tuple[Plan, LinearTrials]:
-    """Return the plan of a study and its trials, with errors of considered parameters drawn by their sigmas.
-
-    Kinds that are `simulated` are drawn by the scenario alone.
-    """
+def matched_trials(study: Study, hours: float) -> tuple[Plan, LinearTrials]:
+    """Return the plan of a study and its trials, which draw the errors that the fit considers."""
     ready = Prepared.of(study, (hours,))
     linear = ready.linear()
     assert linear is not None
-    problem = ready.parts[0].problem
-    considered = [
-        k
-        for k, item in enumerate(problem.model.parameters)
-        if k >= problem.reported_count and item.kind not in simulated
-    ]
-    errors = ParameterSet([problem.model.parameters.parameters[k] for k in considered])
-    partials = problem.model.linearize(true_parameters(problem, ready.targets)).partials(
-        np.arange(len(ready.rows))
-    )
-    lot = linear.drawn
-    assert not {*lot.names} & {*errors.names}
-    drawn = DrawnErrors(
-        (*lot.names, *errors.names),
-        np.concatenate([lot.sigmas, errors.prior_sigmas]),
-        np.concatenate([lot.partials, partials[:, considered].T]),
-    )
-    return ready.world.plan, drawing(linear, drawn)
+    return ready.world.plan, linear
 
 
 def drawing(linear: LinearTrials, drawn: DrawnErrors) -> LinearTrials:
@@ -102,7 +80,7 @@ def clocks_with_rates() -> Draws:
             Schedule([session], Masks(station_deg=15.0)), LANDER, noise=noise, truth_sigma=truth_sigma
         ),
     )
-    return partial(horizontal_squares, matched_trials(study, 48.0, ("clock", "clock_rate"))[1], CLOCKS_SEED)
+    return partial(horizontal_squares, matched_trials(study, 48.0)[1], CLOCKS_SEED)
 
 
 def deep_space_network(hours: float, noise: NoiseModel) -> Draws:

@@ -187,7 +187,11 @@ def _rounded_positions(arc: Predictor, parameters: Iterable[Parameter]) -> Itera
             stations_of.setdefault(sigmas_m, []).append(station)
     for (sigma_m, default_m), stations in stations_of.items():
         text = f"catalogue positions of {_names(stations)} are rounded to 100 m to 1 km; "
-        text += f"the sigma considered is {metres(sigma_m)} m a coordinate" if sigma_m else "no sigma is considered"
+        text += (
+            f"the sigma considered is {metres(sigma_m)} m a coordinate"
+            if sigma_m
+            else "no sigma is considered"
+        )
         if sigma_m in (0.0, default_m):
             text += ": give better ones under [stations.NAME], or [consider] station_position_sigma_m"
         yield text

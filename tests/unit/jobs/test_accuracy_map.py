@@ -29,21 +29,21 @@ def at_site(study, longitude_deg, latitude_deg, height_m):
 
 
 def test_each_site_has_the_accuracy_of_its_own_covariance_analysis(study):
-    found = radioloc.accuracy_map(study, 60.0, region_deg=(-90.0, -90.0, 90.0, 90.0))
-    assert found.radius_95_m.shape == (3, 3)
+    accuracy = radioloc.accuracy_map(study, 60.0, region_deg=(-90.0, -90.0, 90.0, 90.0))
+    assert accuracy.radius_95_m.shape == (3, 3)
     for row, column in ((0, 0), (1, 1), (2, 2)):
-        site = at_site(study, found.longitude_deg[column], found.latitude_deg[row], found.height_m)
+        site = at_site(study, accuracy.longitude_deg[column], accuracy.latitude_deg[row], accuracy.height_m)
         longest = radioloc.covariance(site, 6.0).longest
-        assert found.count[row, column] == longest.count
-        np.testing.assert_allclose(found.sigma_m[row, column], longest.sigma_m, rtol=1e-6)
-        assert found.radius_95_m[row, column] == pytest.approx(longest.radius_95_m, rel=1e-6)
+        assert accuracy.count[row, column] == longest.count
+        np.testing.assert_allclose(accuracy.sigma_m[row, column], longest.sigma_m, rtol=1e-6)
+        assert accuracy.radius_95_m[row, column] == pytest.approx(longest.radius_95_m, rel=1e-6)
 
 
 def test_the_far_side_is_not_determined(study):
-    found = radioloc.accuracy_map(study, 20.0, region_deg=(170.0, -10.0, 190.0, 10.0))
-    assert not found.determined
-    assert found.count.tolist() == [[0]]
-    assert np.isinf(found.sigma_m).all()
+    accuracy = radioloc.accuracy_map(study, 20.0, region_deg=(170.0, -10.0, 190.0, 10.0))
+    assert not accuracy.determined
+    assert accuracy.count.tolist() == [[0]]
+    assert np.isinf(accuracy.sigma_m).all()
 
 
 def test_a_study_with_two_targets_or_without_a_plan_is_refused(study):

@@ -41,6 +41,8 @@ correlation time of a link."""
 SAME_EPOCH_S = 0.05
 """A delay is tagged with the arrival at its first station. One wavefront meets all stations within 43 ms, the light
 time through the Earth; epochs 0.1 s apart or more are distinct."""
+_SHARED_SIGNIFICANCE_LEVEL = 0.01
+"""Missed errors of stations halve the covariance; those that are small or absent hardly change it."""
 _MAX_STEPS = 20
 _STEP_TOLERANCE = 1e-6  # relative change of the components at convergence
 _MIN_OWN_VARIANCE_FRACTION = 1e-2  # smallest baseline variance in a step; zero would make closures exact
@@ -366,7 +368,7 @@ def _components(patterns: Sequence[_Pattern], stations: int) -> Floats | None:
         return None
     sides = [pattern.sides() for pattern in patterns]
     sums, numbers = (np.sum(arrays, axis=0) for arrays in zip(*sides, strict=True))
-    if chances_of_noisier(sums, numbers, numbers.sum(axis=1)) > 1.0 - SCALING_PROBABILITY:
+    if chances_of_noisier(sums, numbers, numbers.sum(axis=1)) > _SHARED_SIGNIFICANCE_LEVEL:
         return None
     matrices, squares, fillers, dof = _stacked(patterns, stations)
     pooled = np.stack([matrices[0], matrices[1:].sum(axis=0)])

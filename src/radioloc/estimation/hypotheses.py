@@ -110,7 +110,7 @@ class Hypotheses:
         )
         for rows in readmitted:
             used[rows] = True
-        if not edited.converged or fit.dof < 1 or not (fit.parameters.free.any() and fit.used.any()):
+        if not fit.converged or fit.dof < 1 or not (fit.parameters.free.any() and fit.used.any()):
             return None
         noise_of = (lambda _: {}) if correlation is None else noise_of_each
         fit = replace(fit, used=used)

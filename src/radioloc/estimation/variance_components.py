@@ -29,7 +29,7 @@ from radioloc.parameters.parameter import ParameterSet
 from radioloc.quantities import accepts_quantities
 from radioloc.vectors import Floats
 
-_MAX_PASSES = 15
+_MAX_PASSES = 60  # the components of a biased station of strong weight settle slowly, within 30
 _MAX_SPLIT_COUNT = 10  # largest number of stations and links with a component of their own
 _SETTLED_FRACTION = 1e-3  # relative change of a settled sigma, far below its uncertainty
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.estimation.editing import EditedFit
-from radioloc.estimation.series import SeriesOrder
+from radioloc.estimation.series import LinkSeries, SeriesOrder
 from radioloc.estimation.stated_sigmas import noise_over_stated
 from radioloc.estimation.status import Doubt, FitStatus
 from radioloc.estimation.variance_components import mean_leverage
@@ -73,12 +73,17 @@ def misfits(edited: EditedFit, stated_m: NDArray[np.float64], order: SeriesOrder
         )
 
 
+def _receivers(series: LinkSeries) -> list[str]:
+    """Return the receiving stations of a series."""
+    return sorted(station for station, sign in series.signs.items() if sign)
+
+
 def _rejected_stations(edited: EditedFit, order: SeriesOrder) -> Iterator[Doubt]:
     """Doubt a type of observation of a station or baseline with many outliers."""
     series_count = len(order.series)
     outliers = np.bincount(order.code, edited.outliers, series_count)
     usable = np.bincount(order.code, edited.initial_status.are(USED), series_count)
-    names = [f"{series.kind} observations of {'-'.join(sorted(series.signs))}" for series in order.series]
+    names = [f"{series.kind} observations of {'-'.join(_receivers(series))}" for series in order.series]
     for name in dict.fromkeys(names):
         codes = [code for code, series_name in enumerate(names) if series_name == name]
         count, total = int(outliers[codes].sum()), int(usable[codes].sum())

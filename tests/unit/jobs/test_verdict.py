@@ -9,7 +9,8 @@ import pytest
 from reader_cases import EXAMPLES
 
 import radioloc
-from radioloc.estimation import FitStatus
+from radioloc.constants import C_M_S
+from radioloc.estimation import FitStatus, variance_components
 from radioloc.jobs.preparation import prepared_arc
 from radioloc.lunar import LunarPosition
 from radioloc.measurements import MEASUREMENTS, Link, PhysicalModel
@@ -163,3 +164,18 @@ def test_a_split_of_two_links_of_a_station_is_told(tracking):
     )
     for absorbed in ({"range_bias_per": "link"}, {"clock": "all"}):
         assert "disagree by" not in str(radioloc.locate(study(range_bias="all", **absorbed), off))
+
+
+@pytest.mark.parametrize("passes", [60, 5])
+def test_a_clock_error_is_named_whether_variance_components_settle_or_not(tracking, passes, monkeypatch):
+    """50 ns of SESHAN25: the component of the delays grows for 23 fits before the station has its own."""
+    monkeypatch.setattr(variance_components, "_MAX_PASSES", passes)
+    paths = np.array(tracking.paths())
+    signs = 1.0 * np.char.endswith(paths, "<lander>SESHAN25") - np.char.startswith(paths, "SESHAN25<")
+    solution = radioloc.locate(study(), replace(tracking, value_m=tracking.value_m + 50e-9 * C_M_S * signs))
+    assert not solution.converged
+    assert (solution.status is FitStatus.UNSETTLED) == (passes == 5)
+    first = solution.consistency.found[0]
+    assert "SESHAN25" in first.name
+    if passes == 60:
+        assert (first.kind, first.name) == ("a priori", "clock.SESHAN25")

@@ -79,7 +79,7 @@ class BinnedProblem:
             part = self.points.of(k)
             whitened[part] = root @ whitened[part]
             weighted[part] = root.T @ whitened[part]
-        inverse = np.linalg.pinv(whitened[:, 1:].T @ whitened[:, 1:], hermitian=True)
+        inverse = _scaled_inverse(whitened[:, 1:].T @ whitened[:, 1:])
         estimate = inverse @ (whitened[:, 1:].T @ whitened[:, 0])
         set_fields(
             self,
@@ -339,6 +339,13 @@ def estimate_change(fitted: BinnedProblem, changed: BinnedProblem) -> tuple[Floa
         effects[:, part] = np.linalg.solve(root.T, effects[:, part].T).T
     root_of_change = changed.inverse[:count] @ changed.whitened.T - effects
     return changed.estimate[:count], root_of_change
+
+
+def _scaled_inverse(normal: Floats) -> Floats:
+    """Inverse of a normal matrix scaled to unit diagonal, so that the size of a column does not make it dependent."""
+    diagonal = np.sqrt(np.diag(normal))
+    scale = np.divide(1.0, diagonal, out=np.zeros_like(diagonal), where=diagonal > 0.0)
+    return scale[:, None] * np.linalg.pinv(scale[:, None] * normal * scale, hermitian=True) * scale
 
 
 def noise_of_each(points: Points) -> dict[str, SeriesNoise]:

@@ -106,6 +106,14 @@ def test_a_step_that_the_parameters_hold_already():
     assert chi2[0] == 0.0 < chi2[1]
 
 
+def test_estimate_does_not_depend_on_the_size_of_a_column():
+    """A scale factor of 1e8 m beside noise of as much, as of halved ranges, is a small column after whitening."""
+    *_, binned = problem(3, ObservationCovariance.of(1.0, 3 * N))
+    step = binned.columns({1: 1.0}, (600.0, np.inf))
+    estimate, small = (binned.with_parameters(size * step).estimate[-1] for size in (1.0, 1e-9))
+    assert small == pytest.approx(1e9 * estimate, rel=1e-6)
+
+
 @pytest.mark.study
 def test_chance_is_uniform():
     """Chi-square of 200 problems without misfit: the mean of -log of the chance is one, to 3 / sqrt(200)."""

@@ -601,6 +601,7 @@ OUTCOMES = {
     "culprit first": "converged, beyond 3.4 sigmas, the culprit is named first",
     "culprit among others": "converged, beyond 3.4 sigmas, the culprit is named after others",
     "mentioned": "converged, beyond 3.4 sigmas, the culprit is mentioned in notes or warnings only",
+    "not revealed": "converged, beyond 3.4 sigmas, the card states that the data do not reveal such an error",
     "wrong culprit": "converged, beyond 3.4 sigmas, others are named",
     "silent": "converged, beyond 3.4 sigmas, unnamed and unmentioned",
     "refused, culprit first": "exit status 2 or 3, the culprit is named first",
@@ -652,9 +653,16 @@ def run(world: World, fault: Fault, seed: int) -> Outcome:
     limit = np.sqrt(chi2.ppf(LIMIT_PROBABILITY ** (1.0 / len(distances)), 3))
     place = next((k for k, text in enumerate(named) if pattern.search(text)), -1)
     outcome = _outcome(solution.converged, size <= limit, named, place, bool(pattern.search(notes)))
+    if outcome == "silent" and pattern.search(_unrevealed(solution)):
+        outcome = "not revealed"
     return Outcome(
         world.name, fault.name, seed, outcome, solution.status.value, error_m, size, named, place, notes
     )
+
+
+def _unrevealed(solution: radioloc.Solution) -> str:
+    """Return the errors that the data do not reveal, as the card states them."""
+    return str(solution).partition("not revealed")[2].partition("\ndata ")[0]
 
 
 def _outcome(converged: bool, is_within: bool, named: tuple[str, ...], place: int, mentioned: bool) -> str:

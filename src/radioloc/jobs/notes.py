@@ -42,6 +42,10 @@ from radioloc.time import utc_strings
 _EQUATOR_M_S = 465.1  # Speed of a station on the Earth's equator
 _MIN_ROUGHNESS_RATIO = 1.5  # Ratio of sigmas from the roughness at two positions that a note reports
 _MAX_RELATIVE_OFFSET = 1e-4  # Relative frequency offset of a simple quartz oscillator
+_CONSIDERED_TERMS = (
+    "ionosphere",
+    "troposphere",
+)  # electron content is considered, and a zenith delay has a note
 _RECORDED_KEYS = (
     "doppler_average_s",
     "extra_sigma_m",
@@ -66,6 +70,8 @@ def notes_of(
     notes += _turned_positions(study, arc.model.ephemeris.constants)
     if weights := study.observations.weights:
         notes.append(f"sigmas changed: {'; '.join(map(str, weights))}")
+    if terms := [f"{name} ({TERMS[name]})" for name in study.model.off if name not in _CONSIDERED_TERMS]:
+        notes.append(f"switched off by [model] off, and not in the sigmas: {', '.join(terms)}")
     parameters = fitted.fit.parameters
     estimated = {item.kind for item in parameters if item.role is not Role.CONSIDERED}
     if estimate is not None and isinstance(estimate.height_prior, TerrainPrior):

@@ -515,7 +515,7 @@ def test_earth_orientation_after_its_table(run, folder):
     last_date = radioloc.measurements.PhysicalModel.build().earth.table.last_date
     data(folder, CRD.replace("2024  5", f"{int(last_date[:4]) + 4}  5"))
     refused(run(study_of()), "line 6", "[model] eop_beyond", '"hold" or "extrapolate"')
-    refused(run(study_of(extra='[model]\neop_beyond = "guess"\n')), "eop_beyond must be one of", "'guess'")
+    refused(run(study_of(extra='[model]\neop_beyond = "guess"\n')), "eop_beyond: expected one of", "'guess'")
     outcome = run(study_of(extra='[model]\neop_beyond = "extrapolate"\n'), command="residuals")
     assert outcome.status == 0, outcome.err
     pattern = r"Earth orientation is extrapolated after 20[-0-9]+: at the end of the arc UT1 may be off by \d\.\d+ s "

@@ -75,7 +75,7 @@ class Acceleration:
             if epoch is not None:
                 set_fields(self, **{key: single_tdb_epoch(self.name, epoch)})
         if self.start is not None and self.stop is not None and self.stop.seconds_since(self.start)[0] <= 0.0:
-            raise InputError(f"acceleration {self.name}: stop must be later than start")
+            raise InputError(f"acceleration {self.name}: stop: expected an epoch after the start")
 
     def names(self) -> list[list[str]]:
         """Return names of components, of the constant such as ``NAME.r``, of cosine and sine such as ``NAME.cos_r``."""

@@ -35,7 +35,7 @@ _MEASURED_S, _MEASURED_RAD = 10e-6, 60e-6 * ARCSEC_RAD  # errors of measured val
 def extended(table: EopTable, method: str) -> EopTable:
     """Return the table with days up to 3000 after the last measured one; `method` is one of :data:`BEYOND`."""
     if method not in BEYOND:
-        raise InputError(f"eop_beyond must be {' or '.join(BEYOND)}, not {method!r}")
+        raise InputError(f"eop_beyond: expected {' or '.join(BEYOND)}, got {method!r}")
     with_offsets = np.flatnonzero(np.isfinite(table.dx_rad) & np.isfinite(table.dy_rad))
     if not len(with_offsets):
         raise InputError("the table of Earth orientation has no celestial pole offset to hold")

@@ -41,7 +41,9 @@ def geodetic_from_itrf(itrf_m: ArrayLike) -> Geodetic:
     """
     positions = np.asarray(as_metres(itrf_m, "itrf_m"), dtype=np.float64)
     if positions.shape[-1:] != (3,) or not np.isfinite(positions).all():
-        raise InputError(f"positions must be finite, of shape (..., 3), but have shape {positions.shape}")
+        raise InputError(
+            f"positions: expected finite numbers of shape (..., 3), got the shape {positions.shape}"
+        )
     least_m = np.linalg.norm(positions, axis=-1).min(initial=np.inf)
     if least_m < _LEAST_RADIUS_M:
         raise InputError(f"a position is {least_m:.6g} m from the geocentre; give metres, geocentric")

@@ -156,7 +156,9 @@ class Station:
                 f"metres, geocentric; {' or '.join(corrections)}"
             )
         if self.sigma_m is not None and not self.sigma_m > 0.0:
-            raise StationError(f"station {self.name}: sigma_m must be above zero, but is {self.sigma_m}")
+            raise StationError(
+                f"station {self.name}: sigma_m: expected a number above zero, got {self.sigma_m}"
+            )
         if abs(self.axis_offset_m or 0.0) > _MAX_AXIS_OFFSET_M:
             raise StationError(
                 f"station {self.name}: no antenna has an axis offset of {self.axis_offset_m} m; give metres, up to "
@@ -202,7 +204,7 @@ class Station:
             numbers = np.array(np.nan)
         if numbers.shape != shape or not np.isfinite(numbers).all():
             requirement = "three finite numbers" if shape else "a finite number"
-            raise StationError(f"station {self.name}: {field} must be {requirement}, but is {value}")
+            raise StationError(f"station {self.name}: {field}: expected {requirement}, got {value}")
         numbers.setflags(write=False)
         set_fields(self, **{field: numbers if shape else float(numbers)})
 

@@ -112,7 +112,7 @@ class Trajectory:
             The code is not an integer.
         """
         if isinstance(body, bool) or not isinstance(body, int):
-            raise InputError(f"body must be a NAIF code, an integer such as -85, not {body!r}")
+            raise InputError(f"body: expected a NAIF code, an integer such as -85, got {body!r}")
         kernel_path = find_kernel(path, "SPK")
         listed: dict[int, list[DafSegment]] = {}
         for segment in read_segments(kernel_path, "SPK"):

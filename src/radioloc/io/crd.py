@@ -145,7 +145,7 @@ class _Record:
         """Return the second of day of a data record, which may go on counting after midnight."""
         second = self.number(1, "second of day")
         if not 0.0 <= second < 2.0 * SECONDS_PER_DAY:
-            self.fail(f"the second of day is {second:g}, but must be 0 to 86400, or to 172800 after midnight")
+            self.fail(f"second of day: expected 0 to 86400, or to 172800 after midnight, got {second:g}")
         return second
 
     def date(self, place: int) -> tuple[float, float]:
@@ -404,5 +404,5 @@ class _File:
         for name, value in zip(_WEATHER, weather, strict=True):
             low, high = WEATHER_LIMITS[name]
             if not (math.isnan(value) or low <= value <= high):
-                record.fail(f"{name} is {value:g}, but must be {low:g} to {high:g}; correct it or write na")
+                record.fail(f"{name}: expected {low:g} to {high:g}, got {value:g}; correct it or write na")
         current.weather.append((second, *weather))

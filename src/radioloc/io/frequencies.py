@@ -93,7 +93,7 @@ class FrequencyAgreement:
         for name in ("transmit_hz", "sigma_hz", "count_s"):
             value = getattr(self, name)
             if value is not None and not (math.isfinite(value) and value > 0.0):
-                raise InputError(f"{name} = {value}, but must be finite and above zero")
+                raise InputError(f"{name}: expected a finite number above zero, got {value}")
         if self.count_s is not None and self.count_s > MAX_DURATION_S:
             raise InputError(f"count_s: expected at most a day, {MAX_DURATION_S:g} s, got {self.count_s}")
         require_ratio(self.turnaround)

@@ -328,7 +328,7 @@ def _content(table: TomlTable, name: str) -> dict[str, Any]:
     stated = table.read(StatedPosition)
     place = position_of(table, stated)
     if not place.frame.startswith("ME_"):
-        table.fail("frame", f"must be mean-Earth axes, such as ME_DE421, not {place.frame!r}")
+        table.fail("frame", f"expected mean-Earth axes, such as ME_DE421, got {place.frame!r}")
     if (stated.map is None) != (stated.map_sigma_m is None):
         table.fail("map", "belongs to map_sigma_m; give both or neither")
     sigma_m = np.array([*(stated.sigma_m or (math.nan,) * 2), stated.sigma_up_m or math.nan])

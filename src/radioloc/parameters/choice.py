@@ -200,14 +200,14 @@ def _names(kind: ParameterKind, names: Any) -> tuple[str, ...] | str:
         return str(names)
     if isinstance(names, str) or not isinstance(names, Sequence):
         raise InputError(
-            f'{kind.name} must be a list of names, "all" or "none", not {names!r}; '
+            f'{kind.name}: expected a list of names, "all" or "none", got {names!r}; '
             f"give an a-priori value as {kind.value_key}, its sigma as {kind.sigma_key}"
         )
     if not kind.scopes[0].named:
         raise InputError(f"{kind.name} has no members with names; use true or false, not {names!r}")
     for name in names:
         if not isinstance(name, str) or not name.strip():
-            raise InputError(f"{kind.name} must be names, not {name!r}")
+            raise InputError(f"{kind.name}: expected names, got {name!r}")
     return tuple(names)
 
 
@@ -226,19 +226,21 @@ def _amount(kind: ParameterKind, key: str, amount: Any, positive: bool) -> Amoun
     count = len(kind.components)
     if count > 1 and isinstance(amount, Sequence) and not isinstance(amount, str):
         if len(amount) != count:
-            raise InputError(f"{key} must be {count} numbers ({', '.join(kind.components)}), not {amount!r}")
+            raise InputError(
+                f"{key}: expected {count} numbers ({', '.join(kind.components)}), got {amount!r}"
+            )
         return tuple(_number(key, value, positive) for value in amount)
     return _number(key, amount, positive)
 
 
 def _number(key: str, value: Any, positive: bool) -> float:
     if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
-        raise InputError(f"{key} must be a number, not {value!r}")
+        raise InputError(f"{key}: expected a number, got {value!r}")
     finite = -sys.float_info.max <= value <= sys.float_info.max
     if positive and not (finite and value > 0.0):
-        raise InputError(f"{key} must be above zero, not {value!r}")
+        raise InputError(f"{key}: expected a number above zero, got {value!r}")
     if not finite:
-        raise InputError(f"{key} must be a finite number, not {value!r}")
+        raise InputError(f"{key}: expected a finite number, got {value!r}")
     return float(value)
 
 
@@ -248,7 +250,7 @@ def _scope(kind: ParameterKind, per: Any) -> Scope | None:
     allowed = {scope.value: scope for scope in kind.scopes}
     if per not in allowed:
         words = " or ".join(f'"{word}"' for word in allowed)
-        raise InputError(f"{kind.keys['per']} must be {words}, not {per!r}")
+        raise InputError(f"{kind.keys['per']}: expected {words}, got {per!r}")
     return allowed[per]
 
 

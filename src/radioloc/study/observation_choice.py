@@ -123,7 +123,7 @@ class ObservationChoice:
         if self.start is not None and self.stop is not None:
             length_s = utc_to_tai(self.stop).seconds_since(utc_to_tai(self.start))
             if not (length_s > 0.0).all():
-                raise InputError("stop must be later than start")
+                raise InputError("stop: expected an epoch after the start")
 
     def require_transmitters(self) -> None:
         """Raise :class:`InputError` if transmitters or turnaround ratios are given as candidates only."""

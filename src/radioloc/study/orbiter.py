@@ -53,12 +53,12 @@ class RoughOrbit:
     def __post_init__(self) -> None:
         if not 0.0 < self.altitude_m <= _MAX_ROUGH_ALTITUDE_M:
             raise InputError(
-                f"altitude_m must be above 0 and at most {_MAX_ROUGH_ALTITUDE_M:g} m, not {self.altitude_m!r}"
+                f"altitude_m: expected more than 0 and at most {_MAX_ROUGH_ALTITUDE_M:g} m, got {self.altitude_m!r}"
             )
         if self.inclination_deg is not None and not 0.0 <= self.inclination_deg <= 180.0:
-            raise InputError(f"inclination_deg must be from 0 to 180, not {self.inclination_deg!r}")
+            raise InputError(f"inclination_deg: expected 0 to 180 deg, got {self.inclination_deg!r}")
         if self.node_deg is not None and not -360.0 <= self.node_deg <= 360.0:
-            raise InputError(f"node_deg must be from -360 to 360, not {self.node_deg!r}")
+            raise InputError(f"node_deg: expected -360 to 360 deg, got {self.node_deg!r}")
 
     def __str__(self) -> str:
         plane = {"inclination": self.inclination_deg, "node": self.node_deg}

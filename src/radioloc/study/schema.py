@@ -66,7 +66,7 @@ def _normalized(name: str, value: Any, rules: Mapping[str, Any]) -> Any:
             value = epochs_from_strings(value, "UTC")
         if not isinstance(value, Epochs) or len(value) != 1:
             raise InputError(
-                f'{name} must be one epoch, such as epochs_from_strings("2024-05-02", "UTC"), not {value!r}'
+                f'{name}: expected one epoch, such as epochs_from_strings("2024-05-02", "UTC"), got {value!r}'
             )
         value.require("UTC")
     return value
@@ -75,12 +75,12 @@ def _normalized(name: str, value: Any, rules: Mapping[str, Any]) -> Any:
 def _require_rules(key: str, item: Any, rules: Mapping[str, Any]) -> None:
     if item not in rules.get("choices", (item,)):
         allowed = ", ".join(f'"{choice}"' for choice in rules["choices"])
-        raise InputError(f"{key} must be one of {allowed}, not {item!r}")
+        raise InputError(f"{key}: expected one of {allowed}, got {item!r}")
     number = float(item) if isinstance(item, Real) and math.isfinite(item) else math.nan
     if rules.get("positive") and not number > 0.0:
-        raise InputError(f"{key} must be above zero, not {item!r}")
+        raise InputError(f"{key}: expected a number above zero, got {item!r}")
     if rules.get("not_negative") and not number >= 0.0:
-        raise InputError(f"{key} must not be negative, not {item!r}")
+        raise InputError(f"{key}: expected zero or more, got {item!r}")
 
 
 def _items(key: str, value: Any) -> Iterator[tuple[str, Any]]:
@@ -97,7 +97,7 @@ def names_of(key: str, value: str | Iterable[Any]) -> tuple[str, ...]:
     names = (value,) if isinstance(value, str) else tuple(value)
     for name in names:
         if not isinstance(name, str) or not name.strip():
-            raise InputError(f"{key} must be names, not {name!r}")
+            raise InputError(f"{key}: expected names, got {name!r}")
     return names
 
 
@@ -129,7 +129,7 @@ class TomlTable:
         if not isinstance(content, Mapping):
             table, _, key = name.rpartition(".")
             raise InputError(
-                f"{path}: [{name}] must be a table, not {_shown(content)}{self._advice(table, key)}"
+                f"{path}: [{name}]: expected a table, got {_shown(content)}{self._advice(table, key)}"
             )
         self._content = dict(content)
         self._taken: list[str] = []
@@ -140,7 +140,7 @@ class TomlTable:
 
     def _refuse(self, key: str, expected: str, value: Any) -> NoReturn:
         advice = self._advice(self.name, key.partition(".")[0])
-        self.fail(key, f"must be {expected}, not {_shown(value)}{advice}")
+        self.fail(key, f"expected {expected}, got {_shown(value)}{advice}")
 
     def _advice(self, table: str, key: str) -> str:
         text = self._hints.advice.get((table, key))
@@ -260,7 +260,7 @@ class TomlTable:
         except OverflowError:
             number = math.inf
         if not math.isfinite(number):
-            self.fail(key, f"must be a finite number, not {_shown(value)}")
+            self.fail(key, f"expected a finite number, got {_shown(value)}")
         return number
 
     def _tuple(self, key: str, value: Any, kinds: tuple[Any, ...]) -> tuple[Any, ...]:
@@ -269,7 +269,7 @@ class TomlTable:
             if not isinstance(value, list) or len(value) != len(kinds):
                 count = _COUNTS.get(len(kinds), len(kinds))
                 numbers = "whole numbers" if kinds[0] is int else "numbers"
-                self.fail(key, f"must be a list of {count} {numbers}, not {_shown(value)}")
+                self.fail(key, f"expected a list of {count} {numbers}, got {_shown(value)}")
             return tuple(self._convert(key, item, kind) for item, kind in zip(value, kinds, strict=True))
         if kinds[0] in (str, Path):
             texts = [value] if isinstance(value, str) else value
@@ -285,7 +285,7 @@ class TomlTable:
         try:
             text = value if isinstance(value, str) else value.isoformat().replace("+00:00", "Z")
         except AttributeError:
-            self.fail(key, f"must be a {scale} date, not {_shown(value)}")
+            self.fail(key, f"expected a {scale} date, got {_shown(value)}")
         if scale == "TDB" and text.strip().upper().endswith("Z"):
             self.fail(key, "is TDB, 64 to 69 s ahead of UTC since 1999: convert it, and leave the Z out")
         try:

@@ -67,7 +67,7 @@ def _session(table: TomlTable, catalogue: StationCatalogue) -> Session:
     possible = [name for name, (of_form, _) in LINKS.items() if of_form == form]
     links = table.get("links", str) or (possible or ["two_way"])[0]
     if links not in LINKS:
-        table.fail("links", f"must be one of {', '.join(LINKS)}, not {links!r}")
+        table.fail("links", f"expected one of {', '.join(LINKS)}, got {links!r}")
     if possible and links not in possible:
         table.fail("links", f"{links!r} does not go with kind {kind!r}; use {' or '.join(possible)}")
     try:

@@ -184,10 +184,10 @@ class EstimateChoice:
         if self.height_prior is not None and self.position != "geographic":
             raise InputError('height_prior needs position = "geographic"')
         if len(sigmas_m) != 3:
-            raise InputError(f"ephemeris_sigma_m must be three numbers (east, north, up), not {sigmas_m!r}")
+            raise InputError(f"ephemeris_sigma_m: expected three numbers (east, north, up), got {sigmas_m!r}")
         if not (math.isfinite(self.rejection_sigma) and self.rejection_sigma >= MIN_REJECTION_SIGMA):
             raise InputError(
-                f"rejection_sigma must be {MIN_REJECTION_SIGMA:g} or more, not {self.rejection_sigma!r}"
+                f"rejection_sigma: expected {MIN_REJECTION_SIGMA:g} or more, got {self.rejection_sigma!r}"
             )
 
     def component_groups(self, order: SeriesOrder) -> Labels | None:

@@ -101,7 +101,7 @@ class Site:
                 f"velocity_m_yr: expected at most {_MAX_PLATE_SPEED_M_YR:g} m per year, got {self.velocity_m_yr}"
             )
         if self.epoch is not None and not _STATION_YEARS[0] <= self.epoch <= _STATION_YEARS[1]:
-            raise InputError(f"epoch: must be a Julian year such as 2010.0, not {self.epoch!r}")
+            raise InputError(f"epoch: expected a Julian year such as 2010.0, got {self.epoch!r}")
 
     def position(self) -> dict[str, Any]:
         """Return the stated position, motion and frame as fields of a station."""

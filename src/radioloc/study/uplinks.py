@@ -52,7 +52,7 @@ class Uplink:
     def __post_init__(self) -> None:
         check(self)
         if self.turnaround is not None and min(self.turnaround) <= 0:
-            raise InputError(f"turnaround must be two numbers above zero, not {self.turnaround}")
+            raise InputError(f"turnaround: expected two numbers above zero, got {self.turnaround}")
 
     def rows(self, observations: Observations, catalogue: StationCatalogue) -> NDArray[np.intp]:
         """Return the rows of Doppler of this pass."""

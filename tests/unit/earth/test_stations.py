@@ -201,11 +201,11 @@ def make_station(**changes: object) -> Station:
         ({"name": " "}, "needs a name"),
         ({"mount": "altaz"}, "mount 'altaz' is not one of azimuth_elevation, equatorial"),
         ({"axis_offset_m": 2130.0}, "no antenna has an axis offset of 2130"),
-        ({"axis_offset_m": np.nan}, "axis_offset_m must be a finite number, but is nan"),
+        ({"axis_offset_m": np.nan}, "axis_offset_m: expected a finite number, got nan"),
         ({"kind": "radio"}, "kind 'radio'"),
         ({"quality": "good"}, "quality 'good'"),
         ({"frame": "WGS72"}, "frame 'WGS72' is not one of ITRF2020, ITRF2014"),
-        ({"epoch_year": float("nan")}, "epoch_year must be a finite number"),
+        ({"epoch_year": float("nan")}, "epoch_year: expected a finite number"),
         ({"itrf_m": [6378.137, 0.0, 0.0]}, "these are kilometres"),
         (
             {"itrf_m": [3942516.9, 4870627.6, 1151367.6]},

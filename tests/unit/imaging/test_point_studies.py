@@ -263,7 +263,7 @@ WRONG = [
     (STEREO, "latitude_deg = 44.1192917", "latitude_deg = -44.1192917", "farther than 10 km"),
     (ORBITAL, 'dem = "dem.tif"', "", "height of the ground"),
     (ORBITAL, "999.20]", "9999.2]", "5064 samples"),
-    (ORBITAL, "[10.0, 10.0, 5.0]", "10.0", "position_sigma_m: must be"),
+    (ORBITAL, "[10.0, 10.0, 5.0]", "10.0", "position_sigma_m: expected"),
     (ORBITAL, "orbital_image.json", "truth.json", "key name_model is missing"),
 ]  # fmt: skip
 

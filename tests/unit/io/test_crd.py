@@ -139,7 +139,7 @@ def test_session_rms_stands_in_for_a_missing_one():
         ("me08 2 582.0 40", "me08 5 582.0 40", "epoch event 5 is not modelled"),
         ("me08 2 582.0 40", "me08 2 582.0 0", "number of ranges is 0"),
         ("40 253.2 -0.040 -0.300  na 0.7 0 3.1", "40 253.2 -0.040", "cut"),
-        ("871.95 287.25 63", "871.95 14.10 63", "temperature_k is 14.1"),
+        ("871.95 287.25 63", "871.95 14.10 63", "temperature_k: expected 150 to 350, got 14.1"),
         ("40 58579", "10 58579", "full-rate"),
         ("H5  0 24", "±  0 24", r"not known|ASCII"),
         ("H5  0 24", "\tH  0 24", r"record \\tH: is not known"),

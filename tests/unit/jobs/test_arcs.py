@@ -140,9 +140,9 @@ def test_hours_count_from_the_start_of_the_study(study, tracked):
     ("hours", "words"),
     [
         ([], "no arc to fit"),
-        ([12.0, 0.0], "hours must be above zero"),
-        ([-3.0], "hours must be above zero"),
-        ([np.nan], "hours must be above zero"),
+        ([12.0, 0.0], "hours: expected a number above zero"),
+        ([-3.0], "hours: expected a number above zero"),
+        ([np.nan], "hours: expected a number above zero"),
     ],
 )
 def test_lengths_that_are_none(study, tracked, hours, words):

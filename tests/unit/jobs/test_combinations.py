@@ -127,6 +127,7 @@ def process_noise(scene, names):
     )
     assert solution.converged, solution.message
     assert solution.state.process is not None
+    assert solution.fit.total.rejected == 0
 
 
 JOBS = {

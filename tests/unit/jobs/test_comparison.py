@@ -105,7 +105,7 @@ def test_places_on_one_map_share_its_tie(tmp_path):
         ("", "positions: is missing; each position is a table"),
         (
             "[positions.a]\nframe = 'PA_DE421'\nlongitude_deg = 1.0\nlatitude_deg = 1.0\nheight_m = 0.0",
-            "must be mean-Earth axes",
+            "expected mean-Earth axes",
         ),
         (
             "[positions.a]\nmap = 'x'\nlongitude_deg = 1.0\nlatitude_deg = 1.0\nheight_m = 0.0",

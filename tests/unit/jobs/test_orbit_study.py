@@ -328,9 +328,9 @@ def test_a_study_file_gives_the_state_by_elements(tmp_path, model, form, axes):
     ("changes", "message"),
     [
         ({"target": "altitude_m = 5e4"}, r"\[target\] position_m: give either position_m"),
-        ({"more": "[estimate.orbit]\nstate_sigma = { ex = 1e-5, radial_m = 1.0 }"}, "keys of one form"),
+        ({"extra": "[estimate.orbit]\nstate_sigma = { ex = 1e-5, radial_m = 1.0 }"}, "keys of one form"),
         (
-            {"more": "[estimate.orbit]\nstate_sigma = { ex = 1e-5 }\nstate_sigma_m = 1.0"},
+            {"extra": "[estimate.orbit]\nstate_sigma = { ex = 1e-5 }\nstate_sigma_m = 1.0"},
             "give either state_sigma, or",
         ),
         (
@@ -339,7 +339,7 @@ def test_a_study_file_gives_the_state_by_elements(tmp_path, model, form, axes):
         ),
         ({"target": "body = 181"}, r"\[target\] body: .*, got 181"),
         ({"target": 'name = "Чанъэ"'}, r"\[target\] name: .*Чанъэ"),
-        ({"more": '[estimate.orbit]\nforces = ["drag"]'}, r"forces: expected some of .*, got 'drag'"),
+        ({"extra": '[estimate.orbit]\nforces = ["drag"]'}, r"forces: expected some of .*, got 'drag'"),
     ],
 )
 def test_mistakes_of_a_study_are_named(tmp_path, changes, message):

@@ -158,9 +158,9 @@ TARGET = '[target]\nname = "GRAIL-B"\ndynamics = "moon"\nepoch = "2012-04-09T04:
 @pytest.mark.parametrize(
     ("keys", "message"),
     [
-        ("altitude_m = -3.0", "altitude_m must be above 0"),
-        ("altitude_m = 55e3\ninclination_deg = 188.8", "inclination_deg must be from 0 to 180"),
-        ("altitude_m = 55e3\nnode_deg = 900.0", "node_deg must be from -360 to 360"),
+        ("altitude_m = -3.0", "altitude_m: expected more than 0"),
+        ("altitude_m = 55e3\ninclination_deg = 188.8", "inclination_deg: expected 0 to 180"),
+        ("altitude_m = 55e3\nnode_deg = 900.0", "node_deg: expected -360 to 360"),
         ("altitude_m = 55e3\nposition_m = [1.0, 2.0, 3.0]", "position_m: give either position_m"),
         ("inclination_deg = 88.8", "position_m: is missing"),
     ],

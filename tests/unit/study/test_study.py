@@ -34,9 +34,9 @@ def test_a_key_of_a_parameter_can_be_replaced():
 @pytest.mark.parametrize(
     ("fields", "message"),
     [
-        ({"hours": 0.0}, "hours must be above zero"),
-        ({"extra_sigma_m": math.nan}, "extra_sigma_m must not be negative"),
-        ({"start": 2460432.5}, "start must be one epoch"),
+        ({"hours": 0.0}, "hours: expected a number above zero"),
+        ({"extra_sigma_m": math.nan}, "extra_sigma_m: expected zero or more"),
+        ({"start": 2460432.5}, "start: expected one epoch"),
         ({"stop": epochs_from_strings("2024-05-02", "TT")}, "UTC"),
     ],
 )

@@ -72,7 +72,7 @@ def test_inapplicable_entries_are_refused(weight, words):
 @pytest.mark.parametrize(
     ("fields", "words"),
     [
-        ({"type": "ranging", "factor": 2.0}, "type must be one of .*, not 'ranging'"),
+        ({"type": "ranging", "factor": 2.0}, "type: expected one of .*, got 'ranging'"),
         ({"type": "range"}, "expected sigma_m, factor or extra_sigma_m"),
     ],
 )

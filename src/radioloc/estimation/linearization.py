@@ -222,7 +222,7 @@ def factorize(
                 parts.clear()
             else:
                 parts.append(_widened(whitened, columns, q + 1)[:, :q])
-            if len(columns) <= q:
+            if not np.array_equal(columns, np.arange(q + 1)):
                 whitened = _widened(reduced(np.zeros((0, len(columns))), whitened), columns, q + 1)
             triangle = reduced(triangle, whitened)
         whitened_partials = WhitenedPartials(tuple(parts), np.eye(q)) if free_elements >= 0 else None
@@ -250,19 +250,26 @@ def _whitened_rows(
 ) -> Iterator[tuple[NDArray[np.intp], Floats]]:
     """Whitened partials by the free parameters with the residuals as last column, part by part.
 
-    The columns (k,) of each part are those that are not zero throughout, the last included, and their values (m, k).
+    The columns (k,) of each part, in any order, are those that are not zero throughout, and their values (m, k).
     """
-    q = len(free)
+    q, start = len(free), 0
     columns = np.arange(q + 1)
 
     def rows_of(rows: Rows) -> Floats:
-        nonlocal columns
+        nonlocal columns, start
         parameters, partials = nonzero_partials(linearization, rows)
         chosen = np.flatnonzero(np.isin(parameters, free, assume_unique=True))
-        columns = np.append(np.searchsorted(free, parameters[chosen]), q)
-        out = np.empty((len(rows), len(chosen) + 1))
+        nonzero = np.append(np.searchsorted(free, parameters[chosen]), q)
+        out = np.empty((len(rows), len(nonzero)))
         out[:, :-1] = partials if partials.shape[1] == len(chosen) else partials[:, chosen]
         out[:, -1] = linearization.residual_m[rows]
+        if whitening.continues_at(start):  # what was not zero in the part before is filtered on
+            columns = np.append(columns, np.setdiff1d(nonzero, columns))
+            place = np.argsort(columns)[np.searchsorted(np.sort(columns), nonzero)]
+            out = _widened(out, place, len(columns))
+        else:
+            columns = nonzero
+        start += len(rows)
         return out
 
     for part in whitening.whitened(rows_of):
@@ -271,7 +278,7 @@ def _whitened_rows(
 
 def _widened(values: Floats, columns: NDArray[np.intp], count: int) -> Floats:
     """Return values (m, k) of some columns with zeros in the others, shape (m, count)."""
-    if len(columns) == count:
+    if np.array_equal(columns, np.arange(count)):
         return values
     out = np.zeros((len(values), count))
     out[:, columns] = values

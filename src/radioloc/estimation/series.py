@@ -142,11 +142,17 @@ class CorrelatedWhitener:
         every = np.zeros((len(white), 1), dtype=np.intp)
         return cls(series, KalmanFilter.of(every, np.ones(every.shape), white, transition))
 
+    def continues_at(self, start: int) -> bool:
+        """Return True within a series, whose noise is filtered from part to part."""
+        number = self.series.number
+        return start > 0 and bool(number[start] == number[start - 1])
+
     def whitened(self, rows_of: RowsOf) -> Iterator[Floats]:
         """Independent combinations of unit variance, part by part."""
         start, state = 0, np.zeros((1, 0))
         for values in self.series.whitener.whitened(rows_of):
-            state = state if start else np.zeros((1, values.shape[1]))
+            carried = state if self.continues_at(start) else state[:, :0]
+            state = np.hstack([carried, np.zeros((1, values.shape[1] - carried.shape[1]))])
             yield self.filter.innovations(values, slice(start, start + len(values)), state)
             start += len(values)
 

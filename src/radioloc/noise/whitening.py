@@ -39,6 +39,12 @@ def slices(n: int, width: int = 1) -> Iterator[slice]:
 class Whitener(Protocol):
     """Linear map of the used observations to independent combinations of unit variance."""
 
+    def continues_at(self, start: int) -> bool:
+        """Return True if a part that begins with the row of this number depends on the part before it.
+
+        Its columns then begin with those of that part.
+        """
+
     def whitened(self, rows_of: RowsOf) -> Iterator[Floats]:
         """Yield whitened columns, part by part, of the columns (m, c) that `rows_of` gives of rows (m,)."""
 
@@ -173,6 +179,10 @@ class StructuredWhitener:
 
     count: int  # n, observations, used or not
     structures: tuple[Structure, ...]
+
+    def continues_at(self, start: int) -> bool:
+        """Return False: parts of structures are independent."""
+        return False
 
     def _groups(self) -> Iterator[list[tuple[Structure, slice]]]:
         """Yield groups of parts of structures, of some thousand rows each."""

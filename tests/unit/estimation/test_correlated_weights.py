@@ -7,7 +7,9 @@ import pytest
 from delay_network import DelayNetwork
 
 from radioloc.estimation import Labels, Parameter, ParameterSet, fit_with_editing, observability
-from radioloc.estimation.series import SeriesOrder, independent_series
+from radioloc.estimation.gauss_markov import SeriesNoise
+from radioloc.estimation.linearization import DenseLinearization, covariance_of, factorize
+from radioloc.estimation.series import CorrelatedWhitener, SeriesOrder, independent_series
 from radioloc.estimation.time_correlation import assess_time_correlation, fit_with_correlated_weights
 from radioloc.simulation.noise import gauss_markov
 
@@ -108,6 +110,44 @@ def test_estimate_and_covariance_are_those_of_the_weights():
     # Twenty correlation times of noise tell its size to some thirty per cent.
     np.testing.assert_allclose(claimed, true, rtol=0.3)
     assert np.linalg.eigvalsh(added).min() > -ROUNDING
+
+
+class ByPass:
+    """Partials of which each column acts in a part of the observations only, as those of passes."""
+
+    def __init__(self, design, residual_m):
+        self.design, self.residual_m = design, residual_m
+
+    def partials(self, rows):
+        return self.design[rows]
+
+    estimated_partials = partials
+
+    def row_order(self):
+        return np.arange(len(self.residual_m))
+
+    def nonzero_partials(self, rows):
+        parameters = np.flatnonzero(self.design[rows].any(axis=0))
+        return parameters, self.design[np.ix_(rows, parameters)]
+
+
+def test_filter_continues_over_parts_with_other_columns(monkeypatch):
+    monkeypatch.setattr("radioloc.noise.whitening.ROWS_AT_ONCE", 300)
+    case = TwoSeries()
+    rows = np.arange(2 * N)
+    passes = np.stack([(rows // 250) % 5 == k for k in (3, 0, 2, 1)], axis=1) * 1.0
+    design = np.hstack([case.design[:, :2], passes])
+    parameters = ParameterSet([Parameter(f"p{k}", "m", "p", 0.0, 10.0) for k in range(6)])
+    edited = fit_with_editing(lambda x: (case.observed, design), parameters, case.sigma)
+    order = SeriesOrder.of(case.types, labels(2 * N, "A"), case.time_s)
+    series = independent_series(order, edited.fit.noise, edited.fit.used)
+    noise = {item.key: SeriesNoise(1.0, np.array([TAU_S]), np.ones(1)) for item in series.series[:1]}
+    whitening = CorrelatedWhitener.of(series, noise)
+    dense, sparse = (
+        covariance_of(factorize(item, whitening, parameters, np.zeros(6)), parameters)
+        for item in (DenseLinearization(case.observed, design), ByPass(design, case.observed))
+    )
+    np.testing.assert_allclose(sparse, dense, rtol=0.0, atol=1e-12)
 
 
 def test_what_is_said_of_the_noise_is_as_stated():

@@ -62,7 +62,7 @@ class Inconsistency:
     """Consistency test of a group of observations or of an explanation, with its result."""
 
     # Removed: "station", "link", "type", "pass"; estimated: "a priori", "parameter", "jump", "offset"; rejected: "run";
-    # stated: "sigma".
+    # stated: "sigma"; corrected: "mistake".
     kind: str
     name: str  # station, link, type or parameter that is tested
     chi2: float  # test statistic
@@ -76,10 +76,9 @@ class Inconsistency:
     first_utc: str = ""  # epochs of the interval, empty for the whole arc
     last_utc: str = ""
     prior_sigmas: float | None = None  # amounts over a-priori sigmas, or over the scale of the parameter
-    data_values: dict[str, float] = field(
-        default_factory=dict
-    )  # of an a-priori value, from the data alone, in `unit`
+    data_values: dict[str, float] = field(default_factory=dict)  # a-priori values from the data alone
     alternatives: tuple[Inconsistency, ...] = ()  # other explanations that the data cannot exclude
+    next_chi2_ratio: float | None = None  # of a mistake: chi-square of the next hypothesis over its own
 
     @property
     def significant(self) -> bool:
@@ -97,6 +96,7 @@ class Inconsistency:
         content |= {"amounts": self.amounts, "unit": self.unit}
         content |= {"first_utc": self.first_utc or None, "last_utc": self.last_utc or None}
         content |= {"prior_sigmas": self.prior_sigmas, "data_values": self.data_values}
+        content["next_chi2_ratio"] = self.next_chi2_ratio
         content["alternatives"] = [
             {key: getattr(item, key) for key in ("kind", "name", "amounts", "unit", "prior_sigmas")}
             for item in self.alternatives
@@ -118,6 +118,8 @@ class Inconsistency:
                 return f"{self.name} jumps by {_amount(value, self.unit)} at {self.first_utc}"
             case "offset":
                 return f"{self.name} is off by {_amount(value, self.unit)}{period}"
+            case "mistake":
+                return self.name
             case "run":
                 return f"{self.dof} observations of {self.name}{period} are off by {value:+.3g} {self.unit}, rejected"
             case "sigma":
@@ -141,6 +143,8 @@ class Inconsistency:
 
     def __str__(self) -> str:
         sentence = self.cause
+        if self.next_chi2_ratio is not None:
+            sentence += f" (chi-square {self.next_chi2_ratio:.3g} times smaller than of the next hypothesis)"
         if self.shift_enu_m is not None:
             condition = "with that" if self.amounts else "without it"
             sentence += f"; {condition} the position moves by {math.hypot(*self.shift_enu_m):.3g} m"

@@ -22,6 +22,7 @@ from radioloc.estimation.editing import (
 )
 from radioloc.estimation.status import Doubt, FitStatus
 from radioloc.estimation.variance_components import fit_with_variance_components
+from radioloc.jobs.mistakes import with_mistake
 from radioloc.jobs.notes import limitations_of, notes_of, provenance
 from radioloc.jobs.one_thread import on_one_blas_thread
 from radioloc.jobs.orbit_start import near_orbit
@@ -131,7 +132,8 @@ def solve(problem: EstimationProblem, left_out: dict[str, int], *, consistency: 
     edited = with_weights(model.linearize, edited, problem.order, problem.estimate)
     suboptimal = problem.suboptimal_errors(model, edited.fit.x, orbits)
     fitted = _Fitted(problem, model, edited, stochastic, orbits, suboptimal)
-    return _completed(fitted, _solution(fitted, consistency), left_out)
+    solution = _solution(fitted, consistency)
+    return _completed(fitted, with_mistake(problem, solution) if consistency else solution, left_out)
 
 
 @dataclass(frozen=True, eq=False)

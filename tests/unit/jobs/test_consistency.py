@@ -183,7 +183,41 @@ def test_a_station_whose_ranges_are_too_long_is_named_however_large_its_bias(tmp
     ranges = radioloc.simulate(study).observations
     received = np.array([path.endswith(">DSS-14") for path in ranges.paths()])
     solution = radioloc.locate(study, replace(ranges, value_m=ranges.value_m + bias_m * received))
-    assert not solution.converged
     [first] = solution.consistency.found
     assert first.name == "range_bias.DSS-14"
     assert first.amounts[""] == pytest.approx(bias_m, abs=1.0)
+
+
+def corrupted(ranges, name):
+    """Return ranges with a mistake of users, and the sentence that names it."""
+    epoch, at = ranges.epoch, np.array([path.endswith(">DSS-14") for path in ranges.paths()])
+    match name:
+        case "TAI":
+            later = Epochs(epoch.jd, epoch.fraction + 37.0 / 86400.0, "UTC")
+            return replace(ranges, epoch=later), "the time tags of all stations are TAI, not UTC (37 s ahead)"
+        case "late":
+            later = Epochs(epoch.jd, epoch.fraction + at / 86400.0, "UTC")
+            return replace(ranges, epoch=later), "the time tags of DSS-14 are 1 s late"
+        case "half":
+            half = replace(ranges, value_m=np.where(at, 0.5, 1.0) * ranges.value_m)
+            return half, "the range values of DSS-14 are half of the right ones"
+        case "exchanged":
+            names = {"DSS-14": "DSS-43", "DSS-43": "DSS-14", "DSS-63": "DSS-63"}
+            links = tuple(
+                replace(x, transmitter=names[x.transmitter], receiver=names[x.receiver]) for x in ranges.links
+            )
+            return replace(ranges, links=tuple(links)), "the stations DSS-14 and DSS-43 are exchanged"
+
+
+@pytest.mark.parametrize(
+    "name", ["half", *(pytest.param(name, marks=pytest.mark.slow) for name in ("TAI", "late", "exchanged"))]
+)
+def test_mistakes_of_users_are_named(tmp_path, name):
+    (tmp_path / "dsn.toml").write_text(DSN)
+    study = radioloc.read_study(tmp_path / "dsn.toml")
+    ranges, sentence = corrupted(radioloc.simulate(study).observations, name)
+    solution = radioloc.locate(study, ranges)
+    assert not solution.converged
+    first = solution.consistency.found[0]
+    assert (first.kind, first.name) == ("mistake", sentence)
+    assert first.next_chi2_ratio > 4.0

@@ -1,0 +1,259 @@
+"""Gross mistakes in the data: a wrong time scale, sign, factor or station name.
+
+Some observations of each link are predicted again for each hypothesis, and a linear fit is iterated. Its misfit is
+
+    q = sum of min((residual / sigma)^2, k^2)
+
+over n observations, with the limit k of the rejection. With the variance of the noise estimated for each hypothesis,
+the logarithm of the likelihood ratio of two hypotheses is (n / 2) ln(q_2 / q_1). Hypotheses are tested only if the
+residuals of the data as they are exceed their stated sigmas by far.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.constants import SECONDS_PER_DAY
+from radioloc.errors import RadiolocError
+from radioloc.estimation.consistency import SIGNIFICANCE_LEVEL, Inconsistency
+from radioloc.jobs.problem import EstimationProblem, observation_model
+from radioloc.measurements.evaluation import prepare_predictor
+from radioloc.measurements.link import Link
+from radioloc.measurements.observations import Observations
+from radioloc.measurements.predictor import Predictor
+from radioloc.measurements.registry import KINDS
+from radioloc.parameters.parameter import ParameterSet
+from radioloc.results.solution import Solution
+from radioloc.targets.design import ObservationModel
+from radioloc.time import Epochs, utc_to_tai, utc_to_tt
+from radioloc.vectors import Floats
+
+_MAX_SERIES_OBSERVATIONS = 20  # of each link and type; a mistake acts on all of them
+_MAX_SIGMAS = 5.0  # of a residual in the misfit, as in the rejection of outliers
+_MIN_MISFIT_RATIO = 4.0  # of the data as they are to the best hypothesis: residuals twice as large
+_MAX_ITERATED, _MAX_ITERATIONS = 8, 4  # hypotheses whose fit is iterated, linearizations of each
+_ROBUST_ITERATIONS = 20  # of weights that make squares absolute values
+_FACTORS = {"have the wrong sign": -1.0, "are half of the right ones": 2.0, "are twice the right ones": 0.5}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Mistake:
+    """Hypothesis on a mistake in some of n observations: corrected values, or other participants or time tags."""
+
+    name: str  # sentence
+    rows: NDArray[np.bool_]  # (n,)
+    factor: float = 1.0  # of the values
+    corrected: Observations | None = None  # predicted in place of the rows
+
+
+def with_mistake(problem: EstimationProblem, solution: Solution) -> Solution:
+    """Return a solution whose first finding is the mistake that explains the observations, if there is any."""
+    if problem.estimate is None or (solution.converged and not solution.consistency.found):
+        return solution
+    mistake = find_mistake(problem)
+    if mistake is None:
+        return solution
+    tests = solution.consistency
+    return replace(solution, consistency=replace(tests, found=(mistake, *tests.found)))
+
+
+def find_mistake(problem: EstimationProblem) -> Inconsistency | None:
+    """Return the mistake that explains the observations of an arc with places as targets; None without any."""
+    if problem.model.orbit_indices:  # an orbit of other epochs is another orbit
+        return None
+    rows = _sample(problem)
+    arc, sigma_m = problem.arc.select(rows), problem.noise.sigma_m[rows]
+    count = len(rows)
+    predictions = _Predictions(problem, arc, sigma_m)
+    stated = predictions.misfit(None, _MAX_ITERATIONS)
+    if not stated > _MIN_MISFIT_RATIO * count:
+        return None
+    first = sorted(mistakes(arc.observations), key=lambda item: predictions.misfit(item, 1))[:_MAX_ITERATED]
+    misfits = sorted((predictions.misfit(item, _MAX_ITERATIONS), item.name) for item in first)
+    smallest, name = misfits[0]
+    if stated < _MIN_MISFIT_RATIO * smallest:
+        return None
+    max_ratio = SIGNIFICANCE_LEVEL ** (-2.0 / count)
+    alternatives = [(misfit, text) for misfit, text in misfits[1:] if misfit < max_ratio * smallest]
+    return Inconsistency(
+        "mistake",
+        name,
+        smallest,
+        count,
+        -0.5 * count * math.log10(stated / smallest),
+        None,
+        None,
+        {},
+        alternatives=tuple(
+            Inconsistency("mistake", text, misfit, count, 0.0, None, None, {})
+            for misfit, text in alternatives
+        ),
+        next_chi2_ratio=min(misfits[1][0], stated) / smallest,
+    )
+
+
+def mistakes(observations: Observations) -> Iterator[Mistake]:
+    """Yield hypotheses on the observations of an arc."""
+    links, count = observations.links, len(observations)
+    stations = sorted({name for link in links for name in (link.transmitter, link.receiver) if name})
+    receivers = np.array([link.receiver for link in links])[observations.link]
+    owners = [("all stations", np.ones(count, dtype=bool))]
+    owners += [(name, receivers == name) for name in stations if len(stations) > 1]
+    owners = [(name, rows) for name, rows in owners if rows.any()]
+    for text, ahead_s in (("1 s late", 1.0), ("1 s early", -1.0), *_ahead_of_utc_s(observations.epoch)):
+        earlier = replace(observations, epoch=_earlier(observations.epoch, ahead_s))
+        for owner, rows in owners:
+            yield Mistake(f"the time tags of {owner} are {text}", rows, corrected=earlier)
+    for owner, rows in owners:
+        for kind in np.unique(observations.kind[rows]).tolist():
+            values = f"the {KINDS[kind]} values of {owner}"
+            for text, factor in _FACTORS.items():
+                yield Mistake(f"{values} {text}", rows & (observations.kind == kind), factor)
+    every = np.ones(count, dtype=bool)
+    for first, second in itertools.combinations(stations, 2):
+        exchanged = {first: second, second: first}
+        renamed = [_renamed(link, exchanged) for link in links]
+        corrected = replace(observations, links=tuple(renamed))
+        yield Mistake(f"the stations {first} and {second} are exchanged", every, corrected=corrected)
+    for k, link in enumerate(links):
+        if link.transmitter and link.transmitter != link.receiver:
+            turned = replace(link, transmitter=link.receiver, receiver=link.transmitter)
+            corrected = replace(observations, links=(*links[:k], turned, *links[k + 1 :]))
+            yield Mistake(
+                f"transmitter and receiver of {link.path} are exchanged", every, corrected=corrected
+            )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Predictions:
+    """Predictions of a part of an arc for several hypotheses, without considered parameters."""
+
+    problem: EstimationProblem
+    arc: Predictor
+    sigma_m: Floats  # (n,)
+    # By the identity of the corrected observations, and of the models, which are linearized at the a-priori values
+    models: dict[int, ObservationModel | None] = field(default_factory=dict)
+    start: dict[int, _Linear] = field(default_factory=dict)
+
+    def misfit(self, mistake: Mistake | None, iterations: int) -> float:
+        """Misfit of the observations, corrected for a mistake; infinite if they cannot be predicted."""
+        model = self._model(None)
+        corrected_model = (
+            model if mistake is None or mistake.corrected is None else self._model(mistake.corrected)
+        )
+        if model is None or corrected_model is None:
+            return math.inf
+        x, misfit = corrected_model.parameters.prior_values, math.inf
+        for iteration in range(iterations):
+            linear = self._linear(corrected_model, x, iteration == 0)
+            if mistake is not None and not mistake.rows.all() and mistake.corrected is not None:
+                linear = linear.mixed(self._linear(model, x, iteration == 0), mistake.rows)
+            if mistake is not None and mistake.corrected is None:
+                value_m = self.arc.observations.value_m
+                change_m = np.where(mistake.rows, (mistake.factor - 1.0) * value_m, 0.0)
+                linear = replace(linear, residual_m=linear.residual_m + change_m)
+            step, misfit = _robust_step(linear, self.sigma_m, corrected_model.parameters, x)
+            x = x + step
+        return misfit
+
+    def _model(self, corrected: Observations | None) -> ObservationModel | None:
+        if id(corrected) not in self.models:
+            self.models[id(corrected)] = self._prepared(corrected)
+        return self.models[id(corrected)]
+
+    def _prepared(self, corrected: Observations | None) -> ObservationModel | None:
+        arc, estimate = self.arc, self.problem.estimate
+        assert estimate is not None  # checked by the caller
+        try:
+            if corrected is not None:
+                arc = prepare_predictor(
+                    arc.model, corrected, arc.motions, "auto", arc.targets, arc.more_partials
+                )
+            return observation_model(arc, self.problem.model.targets, estimate.restricted_to(arc))
+        except RadiolocError:  # such as an epoch before the first one of a table
+            return None
+
+    def _linear(self, model: ObservationModel, x: Floats, is_start: bool) -> _Linear:
+        if not is_start:
+            return _Linear.of(model, x)
+        if id(model) not in self.start:
+            self.start[id(model)] = _Linear.of(model, x)
+        return self.start[id(model)]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Linear:
+    """Observation model of n observations linearized by p parameters."""
+
+    residual_m: Floats  # (n,)
+    partials: Floats  # (n, p)
+    usable: NDArray[np.bool_]  # (n,)
+
+    @classmethod
+    def of(cls, model: ObservationModel, x: Floats) -> _Linear:
+        design, rows = model.linearize(x), np.arange(len(model.predictor.observations))
+        return cls(design.residual_m, design.partials(rows), design.at.rows(rows).usable)
+
+    def mixed(self, unchanged: _Linear, rows: NDArray[np.bool_]) -> _Linear:
+        """Return the rows of this model in another one, (n,)."""
+        return _Linear(
+            np.where(rows, self.residual_m, unchanged.residual_m),
+            np.where(rows[:, None], self.partials, unchanged.partials),
+            np.where(rows, self.usable, unchanged.usable),
+        )
+
+
+def _robust_step(
+    linear: _Linear, sigma_m: Floats, parameters: ParameterSet, x: Floats
+) -> tuple[Floats, float]:
+    """Return the step of the parameters (p,) that has the least sum of absolute residuals, nearly, and the misfit."""
+    free, sigmas = parameters.free, parameters.prior_sigmas
+    residual = np.where(linear.usable, linear.residual_m / sigma_m, 0.0)
+    partials = np.where(linear.usable[:, None], linear.partials[:, free] / sigma_m[:, None], 0.0)
+    prior = np.diag(1.0 / sigmas)[:, free]
+    prior_residual = (parameters.prior_values - x) / sigmas
+    step, weights = np.zeros(len(x)), np.ones(len(residual))
+    for _ in range(_ROBUST_ITERATIONS):
+        rows = np.concatenate([weights[:, None] * partials, prior])
+        scale = np.linalg.norm(rows, axis=0)
+        scale[scale == 0.0] = 1.0
+        right = np.concatenate([weights * residual, prior_residual])
+        step[free] = np.linalg.lstsq(rows / scale, right, rcond=None)[0] / scale
+        remaining = residual - partials @ step[free]
+        weights = 1.0 / np.sqrt(np.maximum(np.abs(remaining), 1.0))
+    squares = np.where(linear.usable, np.minimum(remaining**2, _MAX_SIGMAS**2), _MAX_SIGMAS**2)
+    return step, float(squares.sum())
+
+
+def _renamed(link: Link, names: Mapping[str, str]) -> Link:
+    transmitter, receiver = (names.get(name, name) for name in (link.transmitter, link.receiver))
+    return replace(link, transmitter=transmitter, receiver=receiver)
+
+
+def _sample(problem: EstimationProblem) -> NDArray[np.intp]:
+    """Return evenly spaced observations of each link and type, in order of the table."""
+    order = problem.order
+    series = np.split(order.order, np.flatnonzero(np.diff(order.code[order.order])) + 1)
+    places = (np.linspace(0, len(rows) - 1, min(len(rows), _MAX_SERIES_OBSERVATIONS)) for rows in series)
+    return np.sort(
+        np.concatenate([rows[np.round(k).astype(int)] for rows, k in zip(series, places, strict=True)])
+    )
+
+
+def _earlier(epoch: Epochs, ahead_s: float) -> Epochs:
+    """Return UTC epochs of clocks that are ahead."""
+    return Epochs(epoch.jd, epoch.fraction - ahead_s / SECONDS_PER_DAY, "UTC")
+
+
+def _ahead_of_utc_s(epoch: Epochs) -> Iterator[tuple[str, float]]:
+    """Yield the time by which TAI and TT are ahead of UTC at the first epoch, s, with words."""
+    for text, at in (("TAI, not UTC", utc_to_tai(epoch[:1])), ("TT or TDB, not UTC", utc_to_tt(epoch[:1]))):
+        days = (at.jd - epoch.jd[:1]) + (at.fraction - epoch.fraction[:1])
+        ahead_s = float(SECONDS_PER_DAY * days[0])
+        yield f"{text} ({ahead_s:.6g} s ahead)", ahead_s

@@ -1,4 +1,4 @@
-"""What does not fit is named, with its time: cases in which residuals, sigmas and status said nothing."""
+"""Inconsistent data are named with their time: cases in which residuals, sigmas and status do not show them."""
 
 from dataclasses import replace
 
@@ -101,7 +101,7 @@ def test_nothing_is_said_of_data_that_fit(fitted):
 @pytest.mark.study
 @pytest.mark.parametrize("path", ["SESHAN25<change5>MIYUN50", "SESHAN25<change5>URUMQI"])
 def test_baseline_that_is_off(study, tracking, path):
-    """One of six, by 1 m, against the triangles that it closes."""
+    """Test one of six, off by 1 m, against the triangles that it closes."""
     _, first = strongest_test(study, tracking, 1.0 * (np.array(tracking.paths()) == path))
     assert (first.kind, first.name) == ("offset", f"vlbi_delay {path}")
     assert first.log10_chance < -10.0

@@ -112,9 +112,13 @@ class FitResult:
         significant = self.dof > 0 and self.chi2 > chi2_quantile(SCALING_PROBABILITY, self.dof)
         return math.sqrt(self.chi2 / self.dof) if significant and self.independent_weights else 1.0
 
-    def unit_partials(self) -> RowsOf:
-        """Return the function from rows (m,) to partials by parameters of unit formal covariance, (m, q)."""
+    def unit_partials(self, directions: Floats | None = None) -> RowsOf:
+        """Return the function from rows (m,) to partials by parameters of unit formal covariance, (m, q).
+
+        Or by some orthonormal directions (q, w) of these, (m, w).
+        """
         free, root = self.parameters.free, self.factor.root_covariance()
+        root = root if directions is None else root @ directions
         root_of_all = np.zeros((len(free), root.shape[1]))
         root_of_all[free] = root
 
@@ -124,11 +128,12 @@ class FitResult:
 
         return unit_partials
 
-    def whitened_unit_partials(self) -> Iterator[Floats]:
-        """Yield the whitened unit partials of the used observations, part by part, (m, q)."""
+    def whitened_unit_partials(self, directions: Floats | None = None) -> Iterator[Floats]:
+        """Yield the whitened :meth:`unit_partials` of the used observations, part by part."""
         if self.factor.whitened is None:
-            return self.whitening.whitened(self.unit_partials())
-        return self.factor.whitened.by(self.factor.root_covariance())
+            return self.whitening.whitened(self.unit_partials(directions))
+        root = self.factor.root_covariance()
+        return self.factor.whitened.by(root if directions is None else root @ directions)
 
     @property
     def independent_weights(self) -> bool:

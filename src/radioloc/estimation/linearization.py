@@ -409,10 +409,22 @@ def reduced(triangle: Floats, rows: Floats) -> Floats:
 
 def root_of_rows(root: Floats) -> Floats:
     """Square root (q, r) of the covariance of some parameters from their rows of a root (q, s)."""
+    lengths, vectors, sizes, _ = _decomposed(root)
+    return np.asarray(lengths * vectors * sizes)
+
+
+def directions_of_rows(root: Floats) -> Floats:
+    """Orthonormal directions (s, r) in which some parameters vary, by their rows of a root of the covariance (q, s)."""
+    return _decomposed(root)[3].T
+
+
+def _decomposed(root: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+    """Lengths of rows (q, 1), and the singular value decomposition of the rows of length one without zeros."""
     lengths = np.linalg.norm(root, axis=1, keepdims=True)
     lengths[lengths == 0.0] = 1.0
-    vectors, sizes, _ = np.linalg.svd(root / lengths, full_matrices=False)
-    return np.asarray(lengths * vectors[:, sizes > _MIN_SINGULAR_VALUE] * sizes[sizes > _MIN_SINGULAR_VALUE])
+    vectors, sizes, directions = np.linalg.svd(root / lengths, full_matrices=False)
+    nonzero = sizes > _MIN_SINGULAR_VALUE
+    return lengths, vectors[:, nonzero], sizes[nonzero], directions[nonzero]
 
 
 def covariance_of(factor: Factor, parameters: ParameterSet, unit: Floats | None = None) -> Floats:

@@ -39,7 +39,14 @@ from radioloc.estimation.gauss_markov import (
     noise_of_series,
 )
 from radioloc.estimation.least_squares import FitResult, fit_least_squares
-from radioloc.estimation.linearization import ResidualFunction, covariance_of, gram, root_of_rows, times
+from radioloc.estimation.linearization import (
+    ResidualFunction,
+    covariance_of,
+    directions_of_rows,
+    gram,
+    root_of_rows,
+    times,
+)
 from radioloc.estimation.series import (
     CorrelatedWhitener,
     IndependentSeries,
@@ -213,10 +220,12 @@ def _with_covariances(fit: FitResult, noise: CorrelatedWhitener, correlation: Ti
     """Fit with the covariance of its estimate for independent errors as stated, and what the others add to it."""
     # With the weights W, parameters of unit A^T W A + P have the covariance P + A^T W W A for errors of unit variance,
     # and A^T W V W A - A^T W W A more for those of the covariance V.
+    # Only directions in which reported parameters vary are computed; the others keep the unit covariance.
     free, root = fit.parameters.free, fit.factor.root_covariance()
-    prior = root / fit.parameters.prior_sigmas[free, None]
-    weighted, series = noise.weighted(fit.whitened_unit_partials()), noise.series
-    unit, added = prior.T @ prior + gram(weighted, weighted), np.zeros((root.shape[1],) * 2)
+    directions = directions_of_rows(root[~fit.parameters.considered[free]])
+    prior = (root / fit.parameters.prior_sigmas[free, None]) @ directions
+    weighted, series = noise.weighted(fit.whitened_unit_partials(directions)), noise.series
+    unit, added = prior.T @ prior + gram(weighted, weighted), np.zeros((directions.shape[1],) * 2)
     for item, indices in zip(series.series, series.of_each, strict=True):
         if item.key in correlation.noise:
             columns, step_s = (
@@ -225,8 +234,10 @@ def _with_covariances(fit: FitResult, noise: CorrelatedWhitener, correlation: Ti
             )
             products = correlation.noise[item.key].products(step_s, np.ones(len(indices)), columns)
             added += products - gram(columns, columns)
+    unit = np.eye(len(directions)) + directions @ (unit - np.eye(len(unit))) @ directions.T
     fit = replace(fit, covariance=covariance_of(fit.factor, fit.parameters, unit))
-    return replace(fit, time_correlation=replace(correlation, added_covariance=in_parameters(added, fit)))
+    added_covariance = in_parameters(directions @ added @ directions.T, fit)
+    return replace(fit, time_correlation=replace(correlation, added_covariance=added_covariance))
 
 
 def _weight_noise(

@@ -25,7 +25,7 @@ from radioloc.estimation.least_squares import FitResult
 from radioloc.estimation.linearization import Linearization, covariance_of, factorize
 from radioloc.estimation.observability import assess_observability
 from radioloc.estimation.status import FitStatus
-from radioloc.jobs.problem import ArcPart, GravityErrorOrbits, orbit_states, own_gravity_errors
+from radioloc.jobs.problem import ArcPart, GravityErrorOrbits, orbit_state, own_gravity_errors
 from radioloc.jobs.stochastic import IndependentAccelerations, StochasticProblem
 from radioloc.parameters.parameter import ParameterSet, Role
 from radioloc.results.covariance import PlannedArc
@@ -168,7 +168,7 @@ class PlannedFit:
         model = self.part.problem.model
         x, count = model.parameters.prior_values, len(model.parameters)
         total = covariance if by_suboptimal is None else covariance + by_suboptimal.covariance
-        state = orbit_states(model, x, total, by_suboptimal, self.orbits)[target]
+        state = orbit_state(model, target, x, total, by_suboptimal, self.orbits)
         if self.process is None:
             return state
         columns = model.columns_of(target)

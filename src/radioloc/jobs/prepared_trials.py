@@ -151,15 +151,16 @@ class Prepared:
 
     def run(self, seed: int, trials: Iterable[int]) -> _Floats:
         """Trials with the whole model, as :meth:`LinearTrials.run`: each arc fitted from the a-priori position on."""
-        return np.array([self._trial(trial_seed(seed, trial)) for trial in trials])
+        truths = [true_parameters(part.problem, self.targets) for part in self.parts]
+        return np.array([self._trial(trial_seed(seed, trial), truths) for trial in trials])
 
-    def _trial(self, seed: int) -> list[_Floats]:
+    def _trial(self, seed: int, truths: Sequence[_Floats]) -> list[_Floats]:
         world, rows = self.world, list[_Floats]()
         errors, names = world.drawn.draw(seed), world.drawn.names
         noise_m = world.scenario.noise.draw(world.plan, seed)[0]
         value_m = (world.value_m + errors @ world.drawn.partials + noise_m)[self.rows]
-        for part in self.parts:
-            problem, x = part.problem, true_parameters(part.problem, self.targets)
+        for part, x in zip(self.parts, truths, strict=True):
+            problem = part.problem
             arc = problem.arc.with_values(value_m[part.rows])
             assert problem.estimate is not None
             estimate = self._with_drawn_priors(problem.estimate, seed)

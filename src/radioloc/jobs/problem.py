@@ -35,7 +35,7 @@ from radioloc.parameters.registry import PARAMETERS
 from radioloc.parameters.rows import ObservationRows, middle_of
 from radioloc.study.orbit_choice import ProcessNoise
 from radioloc.study.study import EstimateChoice, Study
-from radioloc.targets.design import DesignMatrix, ObservationModel
+from radioloc.targets.design import DesignMatrix, ObservationModel, effects_on_orbit
 from radioloc.targets.orbit_state import OrbitState
 from radioloc.targets.target import Target
 from radioloc.time import tai_to_utc, utc_to_tai
@@ -304,7 +304,7 @@ def _gravity_errors(orbits: GravityErrorOrbits, model: ObservationModel) -> Cons
         return None
     effects = dict[str, NDArray[np.float64]]()
     for k, prefix in _gravity_error_prefixes(orbits, model).items():
-        effects[prefix] = effects.get(prefix, 0.0) + model.effects_on_orbit(orbits[k], k)
+        effects[prefix] = effects.get(prefix, 0.0) + effects_on_orbit(model.predictor, orbits[k], k)
     parameters = [
         Parameter(f"{prefix}{j + 1}", "1", "gravity_error", 0.0, 1.0, role=Role.CONSIDERED)
         for prefix, of_field in effects.items()
@@ -340,16 +340,25 @@ def orbit_states(
     orbits: GravityErrorOrbits,
 ) -> dict[int, OrbitState]:
     """Return the states of the estimated orbits by target, from the total `covariance` of x."""
-    states = dict[int, OrbitState]()
-    for k in model.orbit_indices:
-        columns = model.columns_of(k)
-        errors = [] if consider is None else own_gravity_errors(consider.parameters, orbits, model, k)
-        sensitivity = np.zeros((columns.stop - columns.start, 0))
-        if consider is not None:
-            sensitivity = consider.sensitivity[columns][:, errors]
-        state = model.targets[k].estimate(
-            x[columns], covariance[columns, columns], sensitivity, orbits.get(k)
-        )
-        assert state is not None  # the target moves by forces
-        states[k] = state
-    return states
+    return {k: orbit_state(model, k, x, covariance, consider, orbits) for k in model.orbit_indices}
+
+
+def orbit_state(
+    model: ObservationModel,
+    target: int,
+    x: NDArray[np.float64],
+    covariance: NDArray[np.float64],
+    consider: Consider | None,
+    orbits: GravityErrorOrbits,
+) -> OrbitState:
+    """Return the state of the orbit of a target."""
+    columns = model.columns_of(target)
+    sensitivity = np.zeros((columns.stop - columns.start, 0))
+    if consider is not None:
+        errors = own_gravity_errors(consider.parameters, orbits, model, target)
+        sensitivity = consider.sensitivity[columns][:, errors]
+    state = model.targets[target].estimate(
+        x[columns], covariance[columns, columns], sensitivity, orbits.get(target)
+    )
+    assert state is not None  # the target moves by forces
+    return state

@@ -28,7 +28,7 @@ from radioloc.estimation.time_correlation import estimated_covariance
 from radioloc.measurements.exact_predictor import ExactPredictor
 from radioloc.parameters.parameter import Parameter, Role
 from radioloc.study.orbit_choice import ProcessNoise
-from radioloc.targets.design import ObservationModel
+from radioloc.targets.design import ObservationModel, effects_on_orbit
 from radioloc.targets.orbit_state import OrbitState, ProcessEstimate
 from radioloc.time import Epochs, tt_to_tdb, utc_to_tt
 
@@ -76,7 +76,9 @@ class StochasticProblem:
         moved = about_orbit.orbit_at(x)
         assert moved is not None
         effects = StochasticEffects(moved.nearest(), noise.sigma_m_s2, interval_s)
-        partials = model.effects_on_orbit(replace(moved, errors=effects.state_partials))
+        partials = effects_on_orbit(
+            predictor, replace(moved, errors=effects.state_partials), model.orbit_indices[0]
+        )
         by_colour = partials[:, 6:].reshape(len(partials), COLOURS, 3)
         tag_s = tt_to_tdb(utc_to_tt(predictor.observations.epoch)).seconds_since(orbit.epoch)
         first, last = (

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Protocol, TypeVar
 
@@ -122,13 +122,10 @@ class Comparison(Result):
     def _status(self) -> Iterator[str]:
         failed = [row.name for row in self.rows if row.converged is False]
         different = [f"{pair.one} and {pair.two}" for pair in self._different]
-        if failed:
-            yield f"NOT CONVERGED: {', '.join(failed)}"
         if not (different or self._agree):
             different = ["all estimates together"]
-        if different:
-            yield f"NOT CONSISTENT: {'; '.join(different)} differ by more than their sigmas allow"
-        elif not failed:
+        yield from problem_lines(failed, different)
+        if not failed and not different:
             tested = [(pair.chance, pair) for pair in self.agreements if pair.chance is not None]
             yield (
                 _agreement_text(*min(tested, key=lambda item: item[0]))
@@ -137,10 +134,7 @@ class Comparison(Result):
             )
 
     def _untested(self) -> Iterator[str]:
-        for reason in dict.fromkeys(pair.why for pair in self.agreements if pair.why):
-            pairs = [f"{pair.one} and {pair.two}" for pair in self.agreements if pair.why == reason]
-            names = "; ".join(pairs) if len(pairs) <= _MAX_NAMED_PAIRS else plural(len(pairs), "pair")
-            yield f"{names} are not tested: {reason}"
+        return untested_lines((f"{pair.one} and {pair.two}", pair.why) for pair in self.agreements)
 
     def _joint(self) -> Iterator[str]:
         if self.joint is None:
@@ -154,6 +148,25 @@ class Comparison(Result):
         yield f"chi2 {self.joint.chi2:.2f} with {plural(self.joint.dof, 'degree')} of freedom"
         for name, reason in self.joint.left_out.items():
             yield f"{name} excluded: {reason}"
+
+
+def problem_lines(failed: Sequence[str], different: Sequence[str]) -> Iterator[str]:
+    """Yield lines that name solutions that did not converge, and those that differ."""
+    if failed:
+        yield f"NOT CONVERGED: {', '.join(failed)}"
+    if different:
+        yield f"NOT CONSISTENT: {'; '.join(different)} differ by more than their sigmas allow"
+
+
+def untested_lines(pairs: Iterable[tuple[str, str]]) -> Iterator[str]:
+    """Yield a line for each reason why pairs, of names with a reason, are not tested."""
+    by_reason = dict[str, list[str]]()
+    for name, reason in pairs:
+        by_reason.setdefault(reason, []).append(name)
+    for reason, names in by_reason.items():
+        if reason:
+            named = "; ".join(names) if len(names) <= _MAX_NAMED_PAIRS else plural(len(names), "pair")
+            yield f"{named} are not tested: {reason}"
 
 
 class _Pair(Protocol):

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from radioloc.results.cards import Card, Field, signed_metres
-from radioloc.results.comparison import significant_pairs
+from radioloc.results.comparison import problem_lines, significant_pairs, untested_lines
 from radioloc.results.result import Content, Result, Table
 from radioloc.vectors import rtn_axes
 
@@ -97,18 +97,11 @@ class StateComparison(Result):
     def _status(self) -> Iterator[str]:
         failed = [name for name, converged in self.solutions.items() if not converged]
         different = [f"{pair.first} and {pair.second}" for pair in significant_pairs(self.pairs)]
-        if failed:
-            yield f"NOT CONVERGED: {', '.join(failed)}"
-        if different:
-            yield f"NOT CONSISTENT: {'; '.join(different)} differ by more than their sigmas allow"
+        yield from problem_lines(failed, different)
         if not failed and not different:
             is_tested = any(pair.chi2 is not None for pair in self.pairs)
             yield "consistent" if is_tested else "no pair could be tested"
-        for reason in dict.fromkeys(filter(None, (pair.reason for pair in self.pairs))):
-            names = "; ".join(
-                f"{pair.first} and {pair.second}" for pair in self.pairs if pair.reason == reason
-            )
-            yield f"{names} are not tested: {reason}"
+        yield from untested_lines((f"{pair.first} and {pair.second}", pair.reason) for pair in self.pairs)
 
 
 def state_pair(

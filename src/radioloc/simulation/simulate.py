@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, Protocol
 
@@ -20,7 +20,6 @@ from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.predictor import Prediction, Predictor, blocks, reasons
 from radioloc.measurements.registry import KINDS
-from radioloc.measurements.target_motion import OrbitMotion, TargetMotion
 from radioloc.parameters.choice import ParameterChoice
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.simulation.noise import NoiseModel, generator, require_seed
@@ -35,6 +34,7 @@ from radioloc.simulation.truth import (
     fixed_errors,
 )
 from radioloc.simulation.visibility import direction_of
+from radioloc.targets.design import effects_on_orbit
 from radioloc.targets.registry import TargetDescription
 from radioloc.time import Epochs, tai_to_utc, utc_strings, utc_to_tai
 from radioloc.vectors import Floats
@@ -238,7 +238,7 @@ class Scenario:
         drawn = drawn_errors(self.truth_sigma, predictor, prediction, targets, middle, of_fit)
         # One set of drawn fields acts on all orbits.
         effects_m = [
-            _gravity_effects_m(predictor, motions, k, item.with_gravity_errors)
+            effects_on_orbit(predictor, item.with_gravity_errors, k)
             for k, item in enumerate(targets)
             if item.with_gravity_errors is not None
         ]
@@ -331,16 +331,6 @@ def _require_usable(predictor: Predictor, prediction: Prediction) -> None:
             f"{count} of {len(observations)} observations cannot be simulated; the first, a {kind} of {link}: "
             f"{problem}; raise the elevation mask, or switch the term off"
         )
-
-
-def _gravity_effects_m(
-    predictor: Predictor, motions: Sequence[TargetMotion], target: int, orbit: AdjustableOrbit
-) -> Floats:
-    """Return the effects of errors of gravity on the observations of a target, m, shape (n, k)."""
-    changed = [OrbitMotion(orbit) if k == target else motion for k, motion in enumerate(motions)]
-    by_motion = predictor.compute(changed).by_motion
-    # The motions of the others have three parameters each.
-    return by_motion[:, 3 * target : by_motion.shape[1] - 3 * (len(motions) - target - 1)]
 
 
 def _described(target: TrueTarget, several: bool) -> Iterator[str]:

@@ -14,7 +14,7 @@ from radioloc.dynamics.stochastic import StochasticAccelerations
 from radioloc.lunar import rot_pa_to_me
 from radioloc.measurements.combined_predictor import CombinedPrediction
 from radioloc.measurements.predictor import ROWS_AT_ONCE, Prediction, Predictor
-from radioloc.measurements.target_motion import Motions, OrbitMotion
+from radioloc.measurements.target_motion import Motions, OrbitMotion, TargetMotion, TrajectoryMotion
 from radioloc.parameters.columns import Columns
 from radioloc.parameters.parameter import Parameter, ParameterSet, Role
 from radioloc.parameters.rows import ObservationRows, middle_of
@@ -107,19 +107,11 @@ class ObservationModel:
         targets[k] = targets[k].with_orbit(orbit)
         return replace(self, targets=tuple(targets))
 
-    def effects_on_orbit(self, orbit: AdjustableOrbit, target: int | None = None) -> Floats:
-        """Return the partials of all observations by the parameters of a target's orbit, or by its errors, (n, k)."""
-        k, motions = self.orbit_indices[0] if target is None else target, list(self.predictor.motions)
-        motions[k] = OrbitMotion(orbit)
-        by_motion = self.predictor.compute(motions).by_motion
-        return by_motion[:, self.motion_columns_of(k, by_motion.shape[1])]
-
-    def motion_columns_of(self, target: int, count: int | None = None) -> slice:
-        """Return the columns of a target among the partials by all motions, of which there may be another `count`."""
+    def motion_columns_of(self, target: int) -> slice:
+        """Return the columns of a target among the partials by all motions."""
         x = self.parameters.prior_values
         sizes = [len(item.motion(x[self.columns_of(k)])[1]) for k, item in enumerate(self.targets)]
-        begin, trailing = sum(sizes[:target]), sum(sizes[target + 1 :])
-        return slice(begin, (sum(sizes) if count is None else count) - trailing)
+        return slice(sum(sizes[:target]), sum(sizes[: target + 1]))
 
     @property
     def first(self) -> int:
@@ -328,6 +320,18 @@ def _as_slice(rows: Rows) -> Rows | slice:
     """Return ascending rows without gaps as a slice, others as they are."""
     contiguous = len(rows) > 0 and bool((np.diff(rows) == 1).all())
     return slice(rows[0], rows[-1] + 1) if contiguous else rows
+
+
+def effects_on_orbit(predictor: Predictor, orbit: AdjustableOrbit, target: int) -> Floats:
+    """Return the partials of all observations by the parameters of a target's orbit, or by its errors, (n, k)."""
+    motions: list[TargetMotion] = [
+        motion if motion.trajectory is None else TrajectoryMotion(motion.trajectory)
+        for motion in predictor.motions
+    ]
+    motions[target] = OrbitMotion(orbit)
+    by_motion = predictor.compute(motions).by_motion
+    # The motions of the others have three parameters each.
+    return by_motion[:, 3 * target : by_motion.shape[1] - 3 * (len(motions) - target - 1)]
 
 
 def orbits_of(predictor: Predictor) -> list[AdjustableOrbit]:

@@ -27,10 +27,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from radioloc.estimation.editing import EditedFit
 from radioloc.estimation.least_squares import FitResult
 from radioloc.estimation.series import SeriesOrder
 from radioloc.estimation.statistics import SCALING_PROBABILITY, chi2_quantile
-from radioloc.labels import Labels, distinct
+from radioloc.labels import USED, Labels, distinct
 from radioloc.noise.covariance import ALONE, ObservationCovariance, SharedAtEpoch, White
 from radioloc.vectors import Floats
 
@@ -56,6 +57,9 @@ _LOWER_QUARTILE = 0.3186  # of the size of normal residuals; outliers move it le
 _MIN_NOISE_RATIO = 3.0
 """Noise over stated sigmas from which the limit of five sigmas rejects a tenth of good data. A quarter of outliers
 feeds second differences by less."""
+_MIN_OUTLIER_FRACTION = (
+    0.05  # of a series with larger noise than that: half of what the limit of five sigmas rejects
+)
 _MIN_SQUARE_SUM = 1e-99  # sum of squares of residuals of zero
 _MIN_VARIANCE_RATIO = 2.0  # ratio of the variance of a station to the mean, for variances of each station
 
@@ -109,9 +113,7 @@ class Differences:
         return cls(code[2:][is_joined], value[is_joined])
 
 
-def noisy_groups(
-    fit: FitResult, usable: NDArray[np.bool_], order: SeriesOrder
-) -> tuple[Labels, Floats] | None:
+def noisy_groups(edited: EditedFit, order: SeriesOrder) -> tuple[Labels, Floats] | None:
     """Return groups of types, stations and links much noisier than stated with their noise, m, or None.
 
     The noise is that of each observation (n,) and zero for the others. Outliers and errors of the model hardly feed
@@ -119,6 +121,12 @@ def noisy_groups(
     station that states a hundredth of its sigmas determines the estimate, and its own observations are rejected
     (`tests/unit/jobs/test_stated_sigmas.py`).
     """
+    fit, usable = edited.fit, edited.initial_status.are(USED)
+    usable_count, outlier_count = (
+        np.bincount(order.code, mask, len(order.series)) for mask in (usable, usable & ~fit.used)
+    )
+    if edited.complete and not (outlier_count > _MIN_OUTLIER_FRACTION * usable_count).any():
+        return None
     ratios = noise_ratios(Differences.of(fit.residual_m, fit.sigma_m, usable, order), len(order.series))
     is_noisy = ratios > _MIN_NOISE_RATIO
     if not is_noisy.any():

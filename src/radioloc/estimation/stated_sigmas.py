@@ -34,15 +34,22 @@ _MAX_SHARED_SPREAD = 1.5  # ratio of the largest to the smallest k of one findin
 
 def white_ratios(edited: EditedFit, stated_m: Floats, order: SeriesOrder) -> Floats:
     """Noise over stated sigmas (n,) of each series with white residuals; NaN of the other series."""
-    fit, count = edited.fit, len(order.series)
-    normalized = np.where(fit.used, fit.residual_m / stated_m, 0.0)
-    used = np.maximum(np.bincount(order.code, fit.used, count), 1.0)
-    variance = np.bincount(order.code, normalized**2, count) / used
+    fit, count, variance = edited.fit, len(order.series), _variances(edited, stated_m, order)
     differences = Differences.of(fit.residual_m, stated_m, fit.used, order)
     numbers = np.bincount(differences.code, minlength=count)
     white_variance = np.bincount(differences.code, differences.value**2, count) / np.maximum(numbers, 1)
     is_white = (numbers >= MIN_DIFFERENCES) & (white_variance >= _MIN_WHITE_FRACTION * variance)
-    return np.where(is_white, np.sqrt(variance / max(1.0 - mean_leverage(fit), 1e-3)), np.nan)
+    return np.where(is_white & (variance > 0.0), np.sqrt(variance), np.nan)
+
+
+def _variances(edited: EditedFit, stated_m: Floats, order: SeriesOrder) -> Floats:
+    """Mean squares of the used residuals of each series over their stated variances and redundancy."""
+    fit, count = edited.fit, len(order.series)
+    normalized = np.where(fit.used, fit.residual_m / stated_m, 0.0)
+    used = np.maximum(np.bincount(order.code, fit.used, count), 1.0)
+    return np.asarray(
+        np.bincount(order.code, normalized**2, count) / used / max(1.0 - mean_leverage(fit), 1e-3)
+    )
 
 
 def noise_over_stated(edited: EditedFit, stated_m: Floats, order: SeriesOrder) -> Floats:
@@ -59,10 +66,12 @@ def noise_over_stated(edited: EditedFit, stated_m: Floats, order: SeriesOrder) -
 
 def wrong_sigmas(edited: EditedFit, stated_m: Floats, order: SeriesOrder) -> Iterator[Inconsistency]:
     """Yield a finding for all series, those of a type or a station whose stated sigmas (n,) are wrong by one factor."""
-    if not edited.ended:
+    variance = _variances(edited, stated_m, order)
+    is_wrong = (variance > _MIN_RATIO**2) | (variance < _MIN_RATIO**-2)
+    if not (edited.ended and is_wrong.any()):
         return
     ratios = white_ratios(edited, stated_m, order)
-    open_codes = {int(code) for code in np.flatnonzero(np.abs(np.log(ratios)) > math.log(_MIN_RATIO))}
+    open_codes = {int(code) for code in np.flatnonzero(is_wrong & ~np.isnan(ratios))}
     tested = np.flatnonzero(~np.isnan(ratios)).tolist()
     squares = np.where(edited.fit.used, edited.fit.residual_m / stated_m, 0.0) ** 2
     for name, codes in _sets(order, tested):

@@ -22,7 +22,7 @@ from radioloc.estimation.noise_structure import noise_with_shared, noisy_groups,
 from radioloc.estimation.series import SeriesOrder
 from radioloc.estimation.statistics import SCALING_PROBABILITY, chi2_quantile
 from radioloc.estimation.status import FitStatus
-from radioloc.labels import USED, Labels
+from radioloc.labels import Labels
 from radioloc.noise.covariance import ObservationCovariance, White
 from radioloc.noise.whitening import column
 from radioloc.parameters.parameter import ParameterSet
@@ -89,9 +89,7 @@ def fit_with_variance_components(
     if groups is not None:
         return problem.with_shared(problem.settled(edited, groups), order, groups)
     groups = order.types
-    usable = edited.initial_status.are(USED)
-    has_outliers = not edited.complete or bool((usable & ~edited.fit.used).any())
-    noisy = noisy_groups(edited.fit, usable, order) if has_outliers else None
+    noisy = noisy_groups(edited, order)
     if noisy is not None:
         groups, noise_m = noisy
         edited = problem.fit_with(noise_m, None)

@@ -353,7 +353,7 @@ class _Search:
         """Return the most significant explanation or group, with alternatives that the data cannot exclude."""
         _, tests = self.explanations(problem)
         initial = min([*tests, *group_tests], key=_log_chance, default=None)
-        if initial is None:
+        if initial is None or initial.verdict.chi2 == 0.0:  # residuals are zero
             return None
         best = initial
         for _ in range(_MAX_ROUND_COUNT):

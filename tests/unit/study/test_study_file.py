@@ -410,7 +410,7 @@ def test_considered_parameters(read):
     ("lines", "message"),
     [
         ("love_numbers = true", "[consider] love_numbers_sigma is missing"),
-        ('range_bias = ["A", "B"]\nrange_bias_sigma_m = { A = 1 }', "range_bias_sigma_m of B is missing"),
+        ('time_bias = ["A", "B"]\ntime_bias_sigma_s = { A = 1 }', "time_bias_sigma_s of B is missing"),
         ("range_bias_m = 3", "[consider] range_bias is missing"),
         ('range_bias = ["7045"]\nrange_bias_sigma_m = 1', "[consider] range_bias: APOLLO is in [estimate]"),
     ],

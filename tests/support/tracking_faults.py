@@ -510,6 +510,8 @@ _OUTLIERS = "outlier|rejected|left out"
 _ADVICE = re.compile(r"look for [^|]*|give better ones [^|]*")
 """Advice that follows on any misfit; it names no culprit."""
 
+_ALTERNATIVES = "the data cannot exclude that"
+
 FAULTS: tuple[Fault, ...] = (
     Fault("station 30 m long", _STATION, station_offset(30.0), (*TRACKING,)),
     Fault("station 300 m long", _STATION, station_offset(300.0), (*TRACKING,)),
@@ -553,8 +555,8 @@ FAULTS: tuple[Fault, ...] = (
     ),
     Fault("stations exchanged", "{station}|{partner}|exchang", exchanged_stations, (*RADIO, "llr")),
     Fault("wrong station in a pass", "{station}|{partner}", wrong_station_in_pass, ("dsn", "grail")),
-    Fault("link reversed", "{station}|revers|sign", reversed_link, ("three-way", "vlbi")),
-    Fault("sign reversed", "sign|revers", reversed_sign, ("dsn", "vlbi", "grail")),
+    Fault("link reversed", "{station}|revers", reversed_link, ("three-way", "vlbi")),
+    Fault("sign reversed", r"\bsign\b|revers", reversed_sign, ("dsn", "vlbi", "grail")),
     Fault("ranges halved", "half|halv|one-way|twice", halved(of_station=False), TRACKING),
     Fault("ranges of a station halved", _RANGING + "|half|halv|one-way", halved(of_station=True), TRACKING),
     Fault("5 % outliers", _OUTLIERS, outliers(0.05, 30.0), ALL),
@@ -623,7 +625,7 @@ class Outcome:
     error_m: float
     sigmas: float
     named: tuple[str, ...]  # sentences of findings, in order
-    place: int  # index of the first finding with the culprit; -1 if it is not named
+    place: int  # index of the culprit among findings and their alternatives; -1 if it is not named
     text: str  # message, warnings and notes
 
     @property
@@ -651,7 +653,9 @@ def run(world: World, fault: Fault, seed: int) -> Outcome:
     distances = world.distances(solution)
     error_m, size = max(distances.values(), key=lambda pair: pair[1])
     limit = np.sqrt(chi2.ppf(LIMIT_PROBABILITY ** (1.0 / len(distances)), 3))
-    place = next((k for k, text in enumerate(named) if pattern.search(text)), -1)
+    # Causes that the data cannot separate from the first one of a finding come after it.
+    causes = [cause for text in named for cause in text.split(_ALTERNATIVES)]
+    place = next((k for k, cause in enumerate(causes) if pattern.search(cause)), -1)
     outcome = _outcome(solution.converged, size <= limit, named, place, bool(pattern.search(notes)))
     if outcome == "silent" and pattern.search(_unrevealed(solution)):
         outcome = "not revealed"

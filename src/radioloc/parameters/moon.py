@@ -51,8 +51,12 @@ def _love_numbers(rows: ObservationRows) -> Floats:
         sun_m, _ = model.ephemeris.geocentric("sun", tdb)
         earth_pa_m = np.einsum("nij,nj->ni", to_pa, -moon_m)
         sun_pa_m = np.einsum("nij,nj->ni", to_pa, sun_m - moon_m)
+        # A spacecraft, whose position is the offset from its trajectory, zeros, has no tide.
         of_places = [
-            [solid_tide(place, earth_pa_m, sun_pa_m, unit, permanent) for unit in units] for place in places
+            [solid_tide(place, earth_pa_m, sun_pa_m, unit, permanent) for unit in units]
+            if place.any()
+            else [np.zeros_like(earth_pa_m)] * 2
+            for place in places
         ]
         return np.concatenate([np.array(of_place).swapaxes(0, 1) for of_place in of_places], axis=1)
 

@@ -13,6 +13,7 @@ from radioloc.cli import main
 from radioloc.errors import CoverageError, FileFormatError, InputError, KernelError
 from radioloc.io import TdmAgreement, write_table, write_tdm
 from radioloc.measurements.observations import Observations
+from radioloc.parameters.considered import considered_choices
 
 BIAS_M = 12.5
 SIGMA_M = 0.5
@@ -169,3 +170,13 @@ def test_observations_outside_the_trajectory_name_file_and_line(folder, tmp_path
     path.write_text(path.read_text().replace("ranges.csv", "late.csv"))
     with pytest.raises(CoverageError, match=r"late\.csv.*\d+:.*orbiter\.bsp.*covers"):
         radioloc.compute_residuals(radioloc.read_study(path))
+
+
+def test_love_numbers_do_not_displace_a_spacecraft(folder):
+    estimate = 'position = "none"\nrange_bias = ["JIAMUSI"]'
+    study = radioloc.read_study(study_file(folder, estimate=estimate))
+    study = replace(study, consider=considered_choices({"love_numbers_sigma": [0.01, 0.01]}))
+    solution = radioloc.locate(study)
+    love = [k for k, item in enumerate(solution.consider.parameters) if item.kind == "love_numbers"]
+    assert len(love) == 2
+    assert not solution.consider.sensitivity[:, love].any()

@@ -28,6 +28,8 @@ EpochsLike: TypeAlias = "Epochs | Time"
 """Epochs, or an astropy ``Time`` of any scale."""
 FloatLike: TypeAlias = "float | Quantity"
 """Number in the unit of the argument's name, or a quantity."""
+DateLike: TypeAlias = "str | Time"
+"""Date and time of UTC as text, or an astropy ``Time``."""
 
 _P = ParamSpec("_P")
 _T = TypeVar("_T")

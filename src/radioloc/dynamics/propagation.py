@@ -46,7 +46,7 @@ def propagate(
     *,
     parameters: Sequence[str] | None = None,
     ephemeris: Ephemeris | None = None,
-    tolerance_m: float = _TOLERANCE_M,
+    tolerance_m: FloatLike = _TOLERANCE_M,
     touchdown: EpochsLike | None = None,
 ) -> Orbit:
     """Integrate the motion of a spacecraft about the Moon, forward and backward from an epoch.

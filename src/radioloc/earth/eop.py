@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 from radioloc.constants import ARCSEC_RAD, MJD_ZERO_JD, SECONDS_PER_DAY, TT_MINUS_TAI_S
 from radioloc.earth.eop_tides import zonal_tides
 from radioloc.errors import CoverageError, FileFormatError, InputError, in_file
-from radioloc.quantities import accepts_quantities
+from radioloc.quantities import EpochsLike, accepts_quantities
 from radioloc.text_files import read_blocks
 from radioloc.time import Epochs, utc_to_tt
 from radioloc.units import in_unit, set_fields
@@ -167,7 +167,7 @@ class EopTable:
         return self._values, self._nodes_tt
 
     @accepts_quantities
-    def interpolate(self, tt: Epochs, *, zonal: bool = True) -> EopValues:
+    def interpolate(self, tt: EpochsLike, *, zonal: bool = True) -> EopValues:
         """Interpolate at epochs of TT within the table.
 
         Without `zonal` UT1 is interpolated with its zonal tides, with errors of up to 2.6 us (1.2 mm) in the middle

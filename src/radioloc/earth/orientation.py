@@ -23,7 +23,7 @@ from radioloc.constants import SECONDS_PER_DAY
 from radioloc.earth.eop import EopTable
 from radioloc.earth.eop_tides import libration, ocean_tides
 from radioloc.errors import PredictedEopWarning
-from radioloc.quantities import accepts_quantities
+from radioloc.quantities import EpochsLike, accepts_quantities
 from radioloc.time import Epochs
 from radioloc.time.smooth import table_of, tabulated
 from radioloc.vectors import Floats, cross_matrices
@@ -74,7 +74,7 @@ class EarthOrientation:
         )
 
     @accepts_quantities
-    def evaluate(self, tt: Epochs) -> EarthRotation:
+    def evaluate(self, tt: EpochsLike) -> EarthRotation:
         """Orientation at epochs of TT; a :class:`PredictedEopWarning` where any rests on predictions not asked for.
 
         Examples
@@ -90,7 +90,7 @@ class EarthOrientation:
         return rotation
 
     @accepts_quantities
-    def rotation(self, tt: Epochs) -> EarthRotation:
+    def rotation(self, tt: EpochsLike) -> EarthRotation:
         """Return the orientation as :meth:`evaluate` does, without its warning."""
         eop = self.table.interpolate(tt, zonal=self.zonal_tides)
         added, added_rate = self._subdaily(tt.mjd + eop.ut1_minus_tt_s / SECONDS_PER_DAY)
@@ -117,7 +117,7 @@ class EarthOrientation:
         return EarthRotation(rotation, rate, ut1, xp_rad, yp_rad, eop.xp_rad, eop.yp_rad, eop.predicted)
 
     @accepts_quantities
-    def warn_of_predictions(self, tt: Epochs, predicted: NDArray[np.bool_]) -> None:
+    def warn_of_predictions(self, tt: EpochsLike, predicted: NDArray[np.bool_]) -> None:
         """Give the :class:`PredictedEopWarning` if any epochs rest on predictions that were not asked for."""
         if predicted.any() and self.table.beyond is None:
             days = np.sort(tt[predicted].day_strings())
@@ -130,7 +130,7 @@ class EarthOrientation:
             )
 
     @accepts_quantities
-    def rough_rotation(self, tt: Epochs) -> Floats:
+    def rough_rotation(self, tt: EpochsLike) -> Floats:
         """Rotation from the ITRF to the GCRS without polar motion and tides, 20 m on the ground, shape (n, 3, 3)."""
         x, y = _celestial_pole(tt)[0]
         values, days = self.table.at_0h_utc

@@ -23,8 +23,7 @@ from radioloc.earth.blq import BlqCoefficients, parse_blq
 from radioloc.earth.geodesy import geodetic_from_itrf, itrf_from_geodetic
 from radioloc.earth.reference_frames import frames, to_itrf2020
 from radioloc.errors import InputError, StationError
-from radioloc.quantities import accepts_quantities
-from radioloc.time import Epochs
+from radioloc.quantities import EpochsLike, FloatLike, accepts_quantities
 from radioloc.units import as_metres, in_unit, set_fields
 from radioloc.vectors import Floats
 
@@ -168,7 +167,7 @@ class Station:
     @classmethod
     @accepts_quantities
     def from_geodetic(
-        cls, *, longitude_deg: float, latitude_deg: float, height_m: float, **fields: Any
+        cls, *, longitude_deg: FloatLike, latitude_deg: FloatLike, height_m: FloatLike, **fields: Any
     ) -> Station:
         """Make a station of east longitude, latitude (deg) and height (m) above the ellipsoid of GRS80 or WGS 84.
 
@@ -248,7 +247,7 @@ class Station:
         return position_m, velocity_m_yr if self.velocity_known else given_m_yr
 
     @accepts_quantities
-    def position_at(self, tt: Epochs) -> Floats:
+    def position_at(self, tt: EpochsLike) -> Floats:
         """Return the reference point in ITRF2020 at epochs of TT, without tides and loading, m, shape (n, 3)."""
         tt.require("TT")
         position_m, velocity_m_yr = self.itrf2020

@@ -16,7 +16,7 @@ from radioloc.ephemeris.positions import evaluate
 from radioloc.errors import KernelError
 from radioloc.kernels import Kernel, KernelFile
 from radioloc.kernels.files import open_kernel
-from radioloc.quantities import accepts_quantities
+from radioloc.quantities import EpochsLike, accepts_quantities
 from radioloc.time import Epochs
 from radioloc.vectors import Floats
 
@@ -95,7 +95,7 @@ class LunarOrientation:
         return self.pck.file
 
     @accepts_quantities
-    def angles(self, tdb: Epochs) -> tuple[Floats, Floats]:
+    def angles(self, tdb: EpochsLike) -> tuple[Floats, Floats]:
         """Euler angles phi, theta, psi of the principal axes, rad, and their rates, rad/s, at epochs of TDB, (n, 3).
 
         Their order is that of the 3-1-3 rotations from the ICRF to the principal axes, Rz(psi) Rx(theta) Rz(phi)

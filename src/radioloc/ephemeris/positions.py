@@ -15,7 +15,7 @@ from radioloc.errors import CoverageError, InputError, KernelError
 from radioloc.kernels import Kernel, KernelFile, Segment
 from radioloc.kernels.daf import span_dates
 from radioloc.kernels.files import open_kernel
-from radioloc.quantities import accepts_quantities
+from radioloc.quantities import EpochsLike, accepts_quantities
 from radioloc.time import Epochs, utc_strings
 from radioloc.vectors import Floats, chebyshev_sums, dot, length
 
@@ -87,7 +87,7 @@ class Ephemeris:
         )
 
     @accepts_quantities
-    def earth(self, tdb: Epochs) -> EarthState:
+    def earth(self, tdb: EpochsLike) -> EarthState:
         """Barycentric position, velocity and acceleration of the geocentre at epochs of TDB.
 
         Round-off of the position is some 1e-5 m. The acceleration is the second derivative of the Chebyshev series.
@@ -95,7 +95,7 @@ class Ephemeris:
         return self.states((), tdb)[0]
 
     @accepts_quantities
-    def states(self, bodies: Sequence[str], tdb: Epochs) -> tuple[EarthState, dict[str, _State]]:
+    def states(self, bodies: Sequence[str], tdb: EpochsLike) -> tuple[EarthState, dict[str, _State]]:
         """Return the Earth as :meth:`earth`, and bodies as :meth:`geocentric`; the Earth is computed once for all."""
         barycentre = self._relative(_EARTH_MOON_BARYCENTRE, _SOLAR_SYSTEM_BARYCENTRE, tdb, derivatives=2)
         earth = self._relative(_EARTH, _EARTH_MOON_BARYCENTRE, tdb, derivatives=2)
@@ -103,7 +103,7 @@ class Ephemeris:
         return EarthState(*((b + e) * _M_PER_KM for b, e in zip(barycentre, earth, strict=True))), body_states
 
     @accepts_quantities
-    def geocentric(self, body: str, tdb: Epochs) -> _State:
+    def geocentric(self, body: str, tdb: EpochsLike) -> _State:
         """Geocentric position and velocity of a body, geometric (no light time), in barycentric coordinates, ICRF axes.
 
         The Moon is the difference of its position and the Earth's relative to the Earth-Moon barycentre, without the
@@ -131,7 +131,7 @@ class Ephemeris:
         return self.geocentric_center(BODIES[body], tdb)
 
     @accepts_quantities
-    def geocentric_center(self, code: int, tdb: Epochs) -> _State:
+    def geocentric_center(self, code: int, tdb: EpochsLike) -> _State:
         """Geocentric position and velocity of a trajectory's centre by NAIF code; as :meth:`geocentric`."""
         if code == _EARTH:
             return np.zeros((len(tdb), 3)), np.zeros((len(tdb), 3))
@@ -150,7 +150,7 @@ class Ephemeris:
         return (center[0] - earth[0]) * _M_PER_KM, (center[1] - earth[1]) * _M_PER_KM
 
     @accepts_quantities
-    def barycentric(self, body: str, tdb: Epochs) -> _State:
+    def barycentric(self, body: str, tdb: EpochsLike) -> _State:
         """Barycentric position and velocity of a body; as :meth:`geocentric`, with the rounding of :meth:`earth`."""
         earth = self.earth(tdb)
         position_m, velocity_m_s = self.geocentric(body, tdb)

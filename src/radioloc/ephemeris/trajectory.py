@@ -20,7 +20,7 @@ from radioloc.errors import CoverageError, InputError, KernelError
 from radioloc.kernels import KernelFile, find_kernel, sha256_of
 from radioloc.kernels.daf import DafSegment, merge_spans, read_segments, span_dates, tdb_date
 from radioloc.kernels.spk_types import StateSeries, read_states
-from radioloc.quantities import accepts_quantities
+from radioloc.quantities import EpochsLike, accepts_quantities
 from radioloc.time import Epochs
 from radioloc.vectors import Floats
 
@@ -134,7 +134,7 @@ class Trajectory:
         return f"{self.name}{' and'.join(axes)}, {self.kernel.start_tdb} to {self.kernel.end_tdb} TDB"
 
     @accepts_quantities
-    def geocentric(self, ephemeris: Ephemeris, tdb: Epochs) -> tuple[Floats, Floats]:
+    def geocentric(self, ephemeris: Ephemeris, tdb: EpochsLike) -> tuple[Floats, Floats]:
         """Geocentric position and velocity, geometric (no light time), in barycentric coordinates, ICRF axes.
 
         Segments are evaluated at one float of seconds since J2000, which resolves 0.12 microseconds: 0.1 mm at 2 km/s.

@@ -27,7 +27,7 @@ from radioloc.jobs.workers import workers_of
 from radioloc.lunar.position import LunarPosition
 from radioloc.parameters.parameter import ParameterSet
 from radioloc.progress import progress_bar
-from radioloc.quantities import accepts_quantities
+from radioloc.quantities import FloatLike, accepts_quantities
 from radioloc.results.accuracy_map import AccuracyMap
 from radioloc.simulation.schedule import Plan, Planner
 from radioloc.study.study import HeightPrior, Study
@@ -46,10 +46,10 @@ NEAR_SIDE_DEG = (-90.0, -90.0, 90.0, 90.0)
 @accepts_quantities
 def accuracy_map(
     study: Study | str | Path,
-    step_deg: float,
+    step_deg: FloatLike,
     *,
     region_deg: Sequence[float] = NEAR_SIDE_DEG,
-    hours: float | None = None,
+    hours: FloatLike | None = None,
     workers: Any = 1,
     progress: bool = False,
 ) -> AccuracyMap:

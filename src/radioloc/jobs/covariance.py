@@ -38,7 +38,7 @@ from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.registry import KINDS
 from radioloc.noise import ObservationCovariance
 from radioloc.parameters.parameter import Role
-from radioloc.quantities import accepts_quantities
+from radioloc.quantities import FloatLike, accepts_quantities
 from radioloc.results.covariance import Contribution, CovarianceStudy, Improvement, PlannedArc
 from radioloc.simulation import Scenario, Session
 from radioloc.simulation.schedule import Pair
@@ -57,10 +57,10 @@ _REACH_TOLERANCE_H = 1.0 / 12.0  # of the length at which a radius is reached
 @on_one_blas_thread()
 def covariance(
     study: Study | str | Path,
-    hours: Iterable[float] | float | None = None,
+    hours: Iterable[FloatLike] | FloatLike | None = None,
     observations: Observations | None = None,
     *,
-    reach_m: float | None = None,
+    reach_m: FloatLike | None = None,
 ) -> CovarianceStudy:
     """Predict how well the tracking of a study determines its targets, in seconds and without trials.
 
@@ -172,7 +172,7 @@ class _Plan:
         """Return the fit of a part without values."""
         return PlannedFit.of(part, self.usable, self.with_gravity_errors)
 
-    def parts(self, hours: Iterable[float] | float | None) -> list[ArcPart]:
+    def parts(self, hours: Iterable[FloatLike] | FloatLike | None) -> list[ArcPart]:
         """Return parts of some lengths, the shortest first; of default lengths those that add observations."""
         if hours is not None:
             return arc_parts(self.problem, arc_lengths(hours, self.study.observations))

@@ -28,6 +28,7 @@ from radioloc.jobs.selection import DEFAULT_HOURS, arc_lengths
 from radioloc.jobs.simulate import scenario_of
 from radioloc.jobs.workers import Run, workers_of
 from radioloc.progress import progress_bar
+from radioloc.quantities import FloatLike
 from radioloc.report.files import earlier_files, made_folder, remove_files, write_json
 from radioloc.results.monte_carlo import LinearityCheck, MonteCarlo
 from radioloc.results.registry import RESULTS
@@ -55,7 +56,7 @@ when outliers are left out, and that alone moves sigmas by up to 1 %."""
 def monte_carlo(
     study: Study | str | Path,
     trials: int = 1000,
-    hours: Iterable[float] | float = DEFAULT_HOURS,
+    hours: Iterable[FloatLike] | FloatLike = DEFAULT_HOURS,
     *,
     seed: int | None = None,
     workers: Any = 1,

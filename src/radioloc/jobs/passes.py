@@ -24,7 +24,7 @@ from radioloc.measurements.pointing import Direction, direction
 from radioloc.measurements.predictor import reasons
 from radioloc.measurements.registry import is_one_way, kind_of
 from radioloc.measurements.target_motion import TargetMotion, TrajectoryMotion, as_motion
-from radioloc.quantities import accepts_quantities
+from radioloc.quantities import DateLike, FloatLike, accepts_quantities
 from radioloc.results.predictions import LightTimes, Pass, Passes
 from radioloc.simulation.schedule import LINKS, Schedule, Session
 from radioloc.simulation.simulate import TargetRecord
@@ -61,9 +61,9 @@ def visibility(
     study: Study | str | Path,
     stations: Sequence[str] = (),
     *,
-    start_utc: str | None = None,
-    stop_utc: str | None = None,
-    mask_deg: float | None = None,
+    start_utc: DateLike | None = None,
+    stop_utc: DateLike | None = None,
+    mask_deg: FloatLike | None = None,
 ) -> Passes:
     """Find the passes of a study's targets over stations: rise, set and highest elevation.
 
@@ -212,11 +212,11 @@ def light_times(
     stations: Sequence[str] = (),
     *,
     links: str = "two_way",
-    start_utc: str | None = None,
-    stop_utc: str | None = None,
-    step_s: float = 600.0,
-    frequency_hz: float | None = None,
-    mask_deg: float = 0.0,
+    start_utc: DateLike | None = None,
+    stop_utc: DateLike | None = None,
+    step_s: FloatLike = 600.0,
+    frequency_hz: FloatLike | None = None,
+    mask_deg: FloatLike = 0.0,
 ) -> LightTimes:
     """Tabulate light times, ranges, their rates and directions for pointing.
 

@@ -16,7 +16,7 @@ from radioloc.errors import InputError, error_context
 from radioloc.measurements.link import canonical_target
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.registry import KINDS, is_integrated
-from radioloc.quantities import accepts_quantities
+from radioloc.quantities import FloatLike, accepts_quantities
 from radioloc.study.observation_choice import ObservationChoice
 from radioloc.study.weights import ends_of
 from radioloc.time import tai_to_utc, utc_to_tai
@@ -205,7 +205,7 @@ def since_start_s(
 
 
 @accepts_quantities
-def arc_lengths(hours: Iterable[float] | float, choice: ObservationChoice) -> list[float]:
+def arc_lengths(hours: Iterable[FloatLike] | FloatLike, choice: ObservationChoice) -> list[float]:
     """Return the lengths of arcs, each once, the shortest first, h; no length or one below zero is an error."""
     lengths = sorted({float(length) for length in np.atleast_1d(np.asarray(hours, dtype=np.float64))})
     if not lengths:

@@ -17,7 +17,7 @@ from radioloc.ephemeris import Ephemeris, LunarOrientation
 from radioloc.ephemeris.positions import clock_rate
 from radioloc.lunar.frames import rot_icrf_to_pa
 from radioloc.lunar.position import LunarPosition
-from radioloc.quantities import accepts_quantities
+from radioloc.quantities import EpochsLike, accepts_quantities
 from radioloc.time import Epochs, geocentric_tdb_minus_tt
 from radioloc.vectors import Floats, dot
 
@@ -30,7 +30,7 @@ _STEP_S = 43200.0
 
 @accepts_quantities
 def tcl_minus_tdb(
-    tdb: Epochs, position: LunarPosition | None = None, ephemeris: str | Path = "DE421"
+    tdb: EpochsLike, position: LunarPosition | None = None, ephemeris: str | Path = "DE421"
 ) -> Floats:
     """TCL - TDB at the Moon's centre, or at a point fixed to the Moon, s, shape (n,).
 

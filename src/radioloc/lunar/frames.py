@@ -14,7 +14,7 @@ from radioloc import vectors
 from radioloc.constants import ARCSEC_RAD, J2000_JD
 from radioloc.ephemeris import CONSTANTS, EphemerisConstants, LunarOrientation
 from radioloc.errors import InputError
-from radioloc.quantities import accepts_quantities
+from radioloc.quantities import EpochsLike, accepts_quantities
 from radioloc.time import Epochs
 from radioloc.units import as_float_array
 from radioloc.vectors import Floats
@@ -112,7 +112,7 @@ _IAU_TERMS = np.array(
 
 
 @accepts_quantities
-def rot_icrf_to_iau_moon(tdb: Epochs) -> Floats:
+def rot_icrf_to_iau_moon(tdb: EpochsLike) -> Floats:
     """Rotation from the ICRF to the IAU's mean rotation of the Moon (SPICE's IAU_MOON) at epochs of TDB, (n, 3, 3).
 
     Rz(W) Rx(90 deg - delta) Rz(90 deg + alpha) of the pole's right ascension alpha and declination delta and the prime

@@ -18,8 +18,7 @@ from radioloc.lunar.selenographic import (
     require_lunar_height,
     selenographic_to_cartesian,
 )
-from radioloc.quantities import accepts_quantities
-from radioloc.time import Epochs
+from radioloc.quantities import EpochsLike, FloatLike, accepts_quantities
 from radioloc.units import as_metres, set_fields
 from radioloc.vectors import Floats
 
@@ -73,7 +72,7 @@ class LunarPosition:
     @classmethod
     @accepts_quantities
     def from_selenographic(
-        cls, longitude_deg: float, latitude_deg: float, height_m: float, frame: str = "ME_DE421"
+        cls, longitude_deg: FloatLike, latitude_deg: FloatLike, height_m: FloatLike, frame: str = "ME_DE421"
     ) -> LunarPosition:
         """Build from east longitude and latitude in degrees and height above the 1737.4 km sphere in metres.
 
@@ -113,7 +112,7 @@ class LunarPosition:
         return float(np.degrees(longitude_rad)), float(np.degrees(latitude_rad)), float(height_m)
 
     @accepts_quantities
-    def to_gcrs(self, tdb: Epochs) -> Any:
+    def to_gcrs(self, tdb: EpochsLike) -> Any:
         """Return the direction of the point from the geocentre as an astropy ``SkyCoord`` in GCRS, shape (n,).
 
         It includes the light time; astropy converts it to a station's azimuth and elevation. Its error of up to 0.1

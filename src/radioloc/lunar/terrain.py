@@ -28,7 +28,7 @@ from radioloc.lunar.selenographic import (
     selenographic_to_cartesian,
 )
 from radioloc.lunar.terrain_source import TerrainMetadata, block_heights_m, heights_m, implausible, open_map
-from radioloc.quantities import accepts_quantities
+from radioloc.quantities import FloatLike, accepts_quantities
 from radioloc.units import as_metres
 from radioloc.vectors import Floats
 
@@ -69,7 +69,7 @@ class TerrainModel:
         path: str | Path,
         *,
         interpolation: Literal["bilinear", "bicubic"] = "bilinear",
-        radius_m: float | None = None,
+        radius_m: FloatLike | None = None,
         unit: Literal["m", "km"] | None = None,
     ) -> TerrainModel:
         """Open an elevation map: PDS3 or PDS4 label, ISIS cube, GeoTIFF, any format and projection that GDAL reads.
@@ -161,7 +161,7 @@ class TerrainModel:
 
     @accepts_quantities
     def roughness_m(
-        self, longitude_rad: ArrayLike, latitude_rad: ArrayLike, radius_m: float | None = None
+        self, longitude_rad: ArrayLike, latitude_rad: ArrayLike, radius_m: FloatLike | None = None
     ) -> Floats:
         """Scatter of the map's heights about the plane that fits them best around a point, m, shape (...,).
 
@@ -191,8 +191,8 @@ class TerrainModel:
         self,
         longitude_rad: ArrayLike,
         latitude_rad: ArrayLike,
-        own_sigma_m: float,
-        radius_m: float | None = None,
+        own_sigma_m: FloatLike,
+        radius_m: FloatLike | None = None,
     ) -> Floats:
         """Return the sigma of a height prior, sqrt(own^2 + roughness^2), m; `own_sigma_m` is that of the map."""
         own_sigma_m = as_metres(own_sigma_m, "own_sigma_m")

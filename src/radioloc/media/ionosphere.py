@@ -29,7 +29,7 @@ from radioloc.errors import InputError
 from radioloc.media.csp import REFERENCE_HZ, MediaCalibrations
 from radioloc.media.medium import Leg, LegDelay, LegEnd
 from radioloc.media.status import MIN_ELEVATION_RAD, Status
-from radioloc.quantities import accepts_quantities, convert_fields
+from radioloc.quantities import EpochsLike, accepts_quantities, convert_fields
 from radioloc.time import Epochs
 from radioloc.vectors import Floats, dot
 
@@ -133,7 +133,7 @@ class UniformTec:
 
     @accepts_quantities
     def slant_tec(
-        self, station_itrf_m: ArrayLike, azimuth_rad: ArrayLike, elevation_rad: ArrayLike, epochs: Epochs
+        self, station_itrf_m: ArrayLike, azimuth_rad: ArrayLike, elevation_rad: ArrayLike, epochs: EpochsLike
     ) -> Floats:
         """Return the vertical content times the modified single layer mapping, TECU, shape (n,)."""
         return self.vertical_tecu * modified_shell_mapping(elevation_rad)[0]

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from radioloc.errors import InputError
 from radioloc.lunar import Map, TangentPlane
 from radioloc.lunar.terrain import TerrainModel
-from radioloc.quantities import accepts_quantities
+from radioloc.quantities import FloatLike, accepts_quantities
 from radioloc.report.figures import (
     COLORS,
     NothingToDrawError,
@@ -58,7 +58,7 @@ def plot_map(
     *,
     dem: str | Path | TerrainModel | None = None,
     base_map: str | Path | None = None,
-    reach_m: float | None = None,
+    reach_m: FloatLike | None = None,
     ax: Axes | None = None,
 ) -> Figure:
     """Draw positions, their error ellipses of one and three sigma, and references on a map in mean-Earth axes.

@@ -9,7 +9,7 @@ import numpy as np
 
 from radioloc.errors import InputError
 from radioloc.measurements.physical_model import PhysicalModel
-from radioloc.quantities import accepts_quantities
+from radioloc.quantities import DateLike, accepts_quantities
 from radioloc.report.figures import (
     COLORS,
     date_axes,
@@ -35,8 +35,8 @@ def plot_visibility(
     model: PhysicalModel,
     target_pa_m: Target,
     stations: Sequence[str],
-    start_utc: str,
-    stop_utc: str,
+    start_utc: DateLike,
+    stop_utc: DateLike,
     masks: Masks | None = None,
     ax: Axes | None = None,
 ) -> Figure:

@@ -28,7 +28,7 @@ from radioloc.parameters.choice import ParameterChoice, chosen_parameters
 from radioloc.parameters.kind import Scope
 from radioloc.parameters.parameter import Parameter, Role
 from radioloc.parameters.registry import PARAMETERS
-from radioloc.quantities import accepts_quantities
+from radioloc.quantities import DateLike, accepts_quantities
 from radioloc.simulation.noise import generator
 from radioloc.targets.design import DesignMatrix, ObservationModel
 from radioloc.targets.registry import TargetDescription
@@ -74,7 +74,7 @@ class Truth:
         *,
         terms_on: Iterable[str] = (),
         terms_off: Iterable[str] = (),
-        clock_epoch_utc: str | None = None,
+        clock_epoch_utc: DateLike | None = None,
         **values: Any,
     ) -> None:
         set_fields(
@@ -114,7 +114,7 @@ class TruthSigma:
         position_enu_m: Iterable[float] = (0.0, 0.0, 0.0),
         gravity_errors: int = 0,
         considered: bool = True,
-        clock_epoch_utc: str | None = None,
+        clock_epoch_utc: DateLike | None = None,
         **sigmas: Any,
     ) -> None:
         east, north, up = (float(sigma) for sigma in position_enu_m)

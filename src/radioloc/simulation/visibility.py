@@ -20,7 +20,7 @@ from radioloc.errors import InputError
 from radioloc.lunar import rot_icrf_to_pa
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.target_motion import TargetMotion
-from radioloc.quantities import accepts_quantities, convert_fields
+from radioloc.quantities import DateLike, EpochsLike, accepts_quantities, convert_fields
 from radioloc.time import (
     Epochs,
     epochs_from_strings,
@@ -93,7 +93,7 @@ class Elevations:
 
 @accepts_quantities
 def elevations(
-    model: PhysicalModel, target_pa_m: Target | AtInfinity, stations: Sequence[str], tt: Epochs
+    model: PhysicalModel, target_pa_m: Target | AtInfinity, stations: Sequence[str], tt: EpochsLike
 ) -> Elevations:
     """Compute elevations of the target and of the stations above each other's horizons.
 
@@ -272,8 +272,8 @@ def windows(
     model: PhysicalModel,
     target_pa_m: Target,
     stations: Sequence[str],
-    start_utc: str,
-    stop_utc: str,
+    start_utc: DateLike,
+    stop_utc: DateLike,
     masks: Masks | None = None,
 ) -> list[Window]:
     """Find the windows of common visibility of the target from all stations, with rise and set to the second.

@@ -14,7 +14,7 @@ from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.dynamics import AdjustableOrbit, Orbit
 from radioloc.dynamics.elements import FORMS, elements_from_state, state_with_partials
 from radioloc.dynamics.stochastic import Chains, StochasticEffects
-from radioloc.quantities import accepts_quantities
+from radioloc.quantities import EpochsLike, accepts_quantities
 from radioloc.text_files import finite_or_none
 from radioloc.time import Epochs, utc_strings
 from radioloc.vectors import Floats, rtn_axes
@@ -126,7 +126,7 @@ class OrbitState:
         return self.parameter_covariance[:6, :6]
 
     @accepts_quantities
-    def covariance_rtn(self, tdb: Epochs) -> Floats:
+    def covariance_rtn(self, tdb: EpochsLike) -> Floats:
         """Covariance of position and velocity at epochs, radial, along and across the orbit, (n, 6, 6)."""
         noise, by_errors = self._covariance_parts_rtn(tdb)
         return np.asarray(noise + by_errors @ np.swapaxes(by_errors, 1, 2))
@@ -167,14 +167,14 @@ class OrbitState:
         return replace(difference, sigmas=float(np.sqrt(ratio @ np.linalg.solve(scaled, ratio))))
 
     @accepts_quantities
-    def partials_rtn(self, tdb: Epochs) -> tuple[Floats, Floats]:
+    def partials_rtn(self, tdb: EpochsLike) -> tuple[Floats, Floats]:
         """Return partials of the state radial, along, across by parameters (n, 6, p) and gravity errors (n, 6, k)."""
         axes = rtn_axes(*self.orbit.states(tdb))
         direct = (self.disturbed or self.orbit).effects(tdb)
         return turned(axes, self.orbit.partials(tdb)), turned(axes, direct)
 
     @accepts_quantities
-    def sigma_rtn_m(self, tdb: Epochs) -> Floats:
+    def sigma_rtn_m(self, tdb: EpochsLike) -> Floats:
         """Return standard deviations of the position radial, along and across at epochs, m, shape (n, 3)."""
         return np.sqrt(np.diagonal(self.covariance_rtn(tdb), axis1=1, axis2=2)[:, :3])
 

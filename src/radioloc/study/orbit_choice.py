@@ -114,7 +114,7 @@ class ProcessNoise:
     radial_m_s2: float = entry(0.0, not_negative=True)
     along_m_s2: float = entry(0.0, not_negative=True)
     across_m_s2: float = entry(0.0, not_negative=True)
-    interval_s: float = entry(600.0, positive=True)
+    interval_s: float = entry(60.0, positive=True)
     correlation_s: float = entry(0.0, not_negative=True)
 
     def __post_init__(self) -> None:
@@ -129,6 +129,14 @@ class ProcessNoise:
     def sigma_m_s2(self) -> NDArray[np.float64]:
         """Sigmas of the radial, along and across accelerations, m/s2, shape (3,)."""
         return np.array([self.radial_m_s2, self.along_m_s2, self.across_m_s2])
+
+    @property
+    def velocity_within_m_s(self) -> float:
+        """Rms departure of the velocity from its course by constant accelerations, m/s, for white noise."""
+        # White noise of the spectral density S = sigma^2 T makes the velocity within an interval T a Brownian bridge
+        # about that course, of the mean variance S T / 6. A Gauss-Markov process longer than an interval is smooth.
+        is_white = self.correlation_s < self.interval_s
+        return float(self.sigma_m_s2.max()) * self.interval_s / math.sqrt(6.0) * is_white
 
     @property
     def persistence(self) -> float:

@@ -40,7 +40,7 @@ def drawn(seed, interval_s, correlation_s, span_s=(-4100.0, 12100.0)):
 
 
 def counts(model, forces, accelerations, seed=20120409):
-    """Of three passes, and the orbit."""
+    """Return counts of three passes, and the orbit."""
     seconds = np.concatenate([np.arange(-4000.0, -1000.0, 60.0), PASSES_S])
     true = replace(forces, accelerations=accelerations)
     observations, _, orbit = tracked(model, true, SIGMA_M, seconds, seed=seed)
@@ -147,6 +147,13 @@ def test_without_process_noise_there_is_none(model, forces):
     sigma = np.sqrt(np.diag(batch.state.covariance))[:3]
     assert (np.abs(held.state.position_m - batch.state.position_m) < 10.0 * STEP_OF_A_FIT * sigma).all()
     np.testing.assert_allclose(held.fit.chi2, batch.fit.chi2, rtol=1e-4)
+
+
+def test_intervals_with_more_motion_than_the_residuals_are_noted(forces, doppler, solution):
+    """White accelerations move the velocity by 25 um/s within an interval, beside one-way noise of 2 um/s."""
+    white = radioloc.locate(study_of(forces, process_noise=replace(NOISE, correlation_s=0.0)), doppler[0])
+    assert any("interval_s" in note for note in white.notes)
+    assert not any("interval_s" in note for note in solution.notes)
 
 
 def test_what_cannot_be_with_process_noise_is_refused(forces, doppler):

@@ -20,6 +20,7 @@ Probabilities are multiplied by the number of tests (Bonferroni correction).
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -38,6 +39,7 @@ from radioloc.estimation.group_tests import (
     log_probability_of_ratio,
 )
 from radioloc.estimation.hypotheses import Family, Hypotheses, Hypothesis, Links, Span, passes
+from radioloc.estimation.reliability import Reliability, assess_reliability
 from radioloc.estimation.series import SeriesOrder
 from radioloc.noise.whitening import Rows
 from radioloc.parameters.registry import parameter_label
@@ -170,6 +172,7 @@ class Consistency:
     groups: tuple[Inconsistency, ...] = ()  # tests of all groups, significant or not
     found: tuple[Inconsistency, ...] = ()  # significant tests, each with the preceding ones as parameters
     adapted: AdaptedEstimate | None = None  # estimate with the findings as parameters; None without findings
+    reliability: tuple[Reliability, ...] = ()  # of all hypotheses on errors that last for the whole arc
 
     def __repr__(self) -> str:
         return f"<Consistency of {len(self.groups)} groups, {len(self.found)} finding(s)>"
@@ -239,8 +242,9 @@ def assess_consistency(
         if finding.hypothesis is None:
             break
         group_tests = search.groups(problem)
+    reliability = search.reliability(hypotheses.problem.with_noise_of(problem) if findings else problem)
     if findings and all(map(search.is_of_readmitted, findings)):
-        return Consistency(groups, tuple(rejected))  # the rejection corrects the fault
+        return Consistency(groups, tuple(rejected), None, reliability)  # the rejection corrects the fault
     explained = {
         search.run_key(rows)
         for rows in hypotheses.readmitted
@@ -248,9 +252,8 @@ def assess_consistency(
     }
     records = tuple(search.joint_records(findings, problem))
     runs = (item for item in rejected if (item.name, item.first_utc) not in explained)
-    return Consistency(
-        groups, (*records, *runs), adapted_estimate(problem, hypotheses.fit) if records else None
-    )
+    adapted = adapted_estimate(problem, hypotheses.fit) if records else None
+    return Consistency(groups, (*records, *runs), adapted, reliability)
 
 
 def rejected_runs(
@@ -349,6 +352,25 @@ class _Search:
             )
         return products, tests
 
+    def reliability(self, problem: BinnedProblem) -> tuple[Reliability, ...]:
+        """Return the smallest errors that the tests find, and the effect of those that they do not find."""
+        hypotheses = self.hypotheses.continuous
+        counts = Counter(item.family for item in hypotheses)
+        log_levels = {
+            family: math.log(SIGNIFICANCE_LEVEL) - _log_test_count(count) for family, count in counts.items()
+        }
+        return assess_reliability(problem, hypotheses, log_levels, self._enu_by_unit())
+
+    def _enu_by_unit(self) -> Floats | None:
+        """Return the partials of the position by the first parameters of the problem, (3, w)."""
+        if self.enu_by_parameters is None:
+            return None
+        fit = self.hypotheses.fit
+        units, width = self.hypotheses.units
+        estimated = fit.parameters.free & ~fit.parameters.considered
+        adjusted = estimated[fit.parameters.free]
+        return self.enu_by_parameters[:, np.flatnonzero(estimated)] @ units[adjusted, :width]
+
     def most_significant(self, problem: BinnedProblem, group_tests: list[_Test]) -> _Test | None:
         """Return the most significant explanation or group, with alternatives that the data cannot exclude."""
         _, tests = self.explanations(problem)
@@ -405,12 +427,9 @@ class _Search:
     def record(self, test: _Test) -> Inconsistency:
         """Return the record of a test."""
         shift_m = sigma_m = None
-        verdict, item, fit = test.verdict, test.hypothesis, self.hypotheses.fit
-        if self.enu_by_parameters is not None:
-            units, width = self.hypotheses.units
-            estimated = fit.parameters.free & ~fit.parameters.considered
-            adjusted = estimated[fit.parameters.free]
-            by_unit = self.enu_by_parameters[:, np.flatnonzero(estimated)] @ units[adjusted, :width]
+        verdict, item = test.verdict, test.hypothesis
+        if (by_unit := self._enu_by_unit()) is not None:
+            width = by_unit.shape[1]
             shift_m = tuple((by_unit @ verdict.shift[:width]).tolist())
             sigma_m = tuple(np.linalg.norm(by_unit @ verdict.root_of_shift[:width], axis=1).tolist())
         amounts, data_values = dict[str, float](), dict[str, float]()

@@ -140,8 +140,8 @@ def with_findings(solution: Solution) -> Solution:
     if not (solution.converged and sigmas > MAX_SHIFT_SIGMAS):
         return solution
     reason = (
-        f"the estimate with and without the errors that the observations reveal differs by {sigmas:.1f} sigmas, more "
-        f"than {MAX_SHIFT_SIGMAS:g}: correct or exclude what is named, or estimate it"
+        f"the errors found move the estimate by {sigmas:.1f} sigmas, more than {MAX_SHIFT_SIGMAS:g}: correct, exclude "
+        "or estimate what is named"
     )
     message = "; ".join(text for text in (reason, solution.message) if text)
     return replace(solution, status=FitStatus.MISFIT, message=message)

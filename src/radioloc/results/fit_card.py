@@ -29,6 +29,7 @@ from radioloc.results.cards import (
     table,
 )
 from radioloc.results.names import link_names
+from radioloc.results.reliability_card import reliability_lines
 from radioloc.results.solution import Solution
 from radioloc.time import utc_strings
 
@@ -53,6 +54,7 @@ def fit_fields(solution: Solution) -> Iterator[Field]:
         Field("fit", _fit(solution)),
         _correlated_series(solution),
         Field("misfit", findings(solution, strongly=False)),
+        Field("reliability", reliability_lines(solution.consistency.reliability)),
         *_groups(solution),
     )
     yield Field("rejected", _largest_rejected(solution), section="")

@@ -422,6 +422,7 @@ class Solution(Result):
             "observability": self.observability.to_dict(),
             "consistency": self.consistency.to_list(),
             "with_findings": self._with_findings(),
+            "reliability": [item.to_dict() for item in self.consistency.reliability],
             "reference": None if self.reference is None else self.reference.to_dict(),
             "references": [reference.to_dict() for reference in self.references],
             "notes": list(self.notes),

@@ -1,0 +1,106 @@
+"""Reliability of a fit: the smallest errors that its tests find, and the effect of those that they do not find.
+
+With an error d in the columns Z of a hypothesis, the test statistic of :mod:`~radioloc.estimation.group_tests` is
+noncentral chi-square with
+
+    lambda = d^T F d,    F = Z^T Z - Z^T A N^-1 A^T Z.
+
+The minimal detectable bias has the lambda_0 for which a test with the significance level of the search has a power of
+80 % (Baarda 1968). For one column it is d = sqrt(lambda_0 / F); of several columns, the smallest over all directions is
+given (internal reliability). An error of this size moves the estimate by -N^-1 A^T Z d, for several columns by the
+maximum over d^T F d = lambda_0 (external reliability).
+
+The data do not reveal errors in directions in which the parameters absorb nearly all of Z d. The change of the position
+by a unit of the error describes them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from radioloc.estimation.group_tests import BinnedProblem
+from radioloc.estimation.hypotheses import Family, Hypothesis
+from radioloc.estimation.statistics import finite_or_none
+from radioloc.vectors import Floats
+
+POWER = 0.8  # probability that an error of the minimal detectable size is found (Baarda 1968)
+MIN_REVEALED_FRACTION = 1e-3
+"""Smallest part of the square of a column outside the span of the design matrix. Below it an error must be 30 times
+larger to be found than with known parameters, 150 times its a-priori sigma or more."""
+
+
+@dataclass(frozen=True, slots=True)
+class Reliability:
+    """Minimal detectable bias of a hypothesis, and its largest effect on the position."""
+
+    kind: str  # as of :class:`~radioloc.estimation.consistency.Inconsistency`
+    name: str
+    components: tuple[str, ...]
+    unit: str
+    minimal: float  # minimal detectable bias, in `unit`; infinite if the data do not reveal the error
+    # Changes of the position by the largest error that is found with a probability of less than 80 %, and by one unit
+    # of the error; None of a moving target.
+    shift_m: float | None = None
+    shift_per_unit_m: float | None = None
+
+    @property
+    def revealed(self) -> bool:
+        """True if an error of some size is found."""
+        return math.isfinite(self.minimal)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return all fields for JSON; None of what is not finite."""
+        content: dict[str, Any] = {"kind": self.kind, "name": self.name, "components": list(self.components)}
+        content |= {"minimal_detectable": finite_or_none(self.minimal), "unit": self.unit}
+        shift_m = self.shift_m if self.revealed else None
+        return content | {"shift_m": shift_m, "shift_per_unit_m": self.shift_per_unit_m}
+
+
+def assess_reliability(
+    problem: BinnedProblem,
+    hypotheses: Sequence[Hypothesis],
+    log_levels: dict[Family, float],
+    enu_by_unit: Floats | None,
+) -> tuple[Reliability, ...]:
+    """Return the reliability of hypotheses on errors that last for the whole arc.
+
+    `log_levels` are logarithms of the significance levels of single tests, `enu_by_unit` (3, w) the partials of a
+    position by the first parameters of the problem.
+    """
+    lasting = [item for item in hypotheses if item.span_s is None]
+    if not lasting:
+        return ()
+    products, results, begin = problem.products(np.hstack([item.columns for item in lasting])), [], 0
+    for item in lasting:
+        indices = tuple(range(begin, begin := begin + item.columns.shape[1]))
+        result = Reliability(item.kind, item.name, item.components, item.unit, math.inf)
+        if enu_by_unit is not None:
+            gain = enu_by_unit @ products.gain[: enu_by_unit.shape[1], list(indices)] / item.sigmas
+            result = replace(result, shift_per_unit_m=float(np.linalg.norm(gain, 2)))
+        verdict = products.verdict(indices, item.links)
+        if verdict is not None:
+            fractions = 1.0 / np.square(products.size[list(indices), None] * verdict.root).sum(axis=0)
+            revealed = fractions >= MIN_REVEALED_FRACTION
+            if revealed.any():
+                length = math.sqrt(noncentrality(log_levels[item.family], verdict.dof) * verdict.inflation)
+                sizes = np.linalg.svd(item.sigmas[:, None] * verdict.root[:, revealed], compute_uv=False)
+                result = replace(result, minimal=length * float(sizes[-1]))
+                if enu_by_unit is not None:
+                    root_m = enu_by_unit @ verdict.root_of_shift[: enu_by_unit.shape[1], revealed]
+                    result = replace(result, shift_m=length * float(np.linalg.norm(root_m, 2)))
+        results.append(result)
+    return tuple(results)
+
+
+@cache
+def noncentrality(log_level: float, dof: int) -> float:
+    """Noncentrality of chi-square that exceeds the bound of a significance level with the probability :data:`POWER`."""
+    from scipy.special import chdtri, chndtrinc
+
+    return float(chndtrinc(chdtri(dof, math.exp(log_level)), dof, 1.0 - POWER))

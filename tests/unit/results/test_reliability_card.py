@@ -1,0 +1,46 @@
+"""Lines of the card on reliability."""
+
+import math
+
+from radioloc.estimation.reliability import Reliability
+from radioloc.results.reliability_card import reliability_lines
+
+
+def item(name, minimal, unit="m", *, shift_m=1.0, per_unit_m=1.0, kind="parameter", components=("",)):
+    return Reliability(kind, name, components, unit, minimal, shift_m, per_unit_m)
+
+
+def test_the_smallest_error_of_each_kind_and_the_largest_effect_are_named():
+    sizes, effect, hidden = reliability_lines(
+        [
+            item("range_bias.A", 4.0, shift_m=20.0),
+            item("range_bias.B", 3.0),
+            item("clock.C", 2e-9, "s"),
+            item("moon_position.radial", 500.0, shift_m=400.0),  # no fault of a station, link or target
+            item("range_bias.range", 1.0),  # of a type
+            item("time_bias.all", 5e-3, "s", shift_m=120.0),
+            item("transponder_delay", math.inf, "s", per_unit_m=1.5e8),
+        ]
+    )
+    assert (
+        sizes
+        == "smallest errors found (with 80 %): clock 2 ns (C), range bias 3 m (B), time bias 5 ms (common)"
+    )
+    assert effect.endswith("120 m (common time bias, 5 ms)")
+    assert hidden == "not revealed: transponder delay (0.150 m of position per ns)"
+
+
+def test_hidden_errors_without_effect_on_the_position_are_not_named():
+    assert not [*reliability_lines([item("clock.all", math.inf, "s", shift_m=None, per_unit_m=1e4)])]
+
+
+def test_moving_targets_have_no_shift_of_a_position():
+    lines = [*reliability_lines([item("range_bias.A", 4.0, shift_m=None, per_unit_m=None)])]
+    assert lines == ["smallest errors found (with 80 %): range bias 4 m (A)"]
+
+
+def test_offsets_of_links_and_components_are_named():
+    [line] = reliability_lines([item("range A>x>A", 4.0, kind="offset")])
+    assert "offset of range A>x>A, 4 m" in line
+    [_, line] = reliability_lines([item("station_position.A", 4.0, kind="a priori", components=("up",))])
+    assert "up position of A, 4 m" in line

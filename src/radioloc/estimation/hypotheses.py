@@ -2,7 +2,7 @@
 
 1. A wrong a-priori value, of an estimated or of a considered parameter: of one, of all components of a vector, and a
    common error of all members of a kind.
-2. A parameter that the fit holds at zero, of any kind of the registry: of one member, common to all, or common to
+2. A parameter that the fit holds at zero, of any kind of one component: of one member, common to all, or common to
    the observations of one type.
 3. An offset of a link, or of a station in all its links of a type, in one pass or in the whole arc.
 4. A step of such a link or station at an epoch.
@@ -240,13 +240,10 @@ class Hypotheses:
         types = {self.order.series[code].kind for code in self.codes}
         for kind, indices in groups.items():
             items = [self.candidates.parameters.parameters[index] for index in indices]
-            components = PARAMETERS[kind].components
-            for k in range(0, len(items), len(components)):
-                members = items[k : k + len(components)]
-                columns = self.problem.candidate_columns(indices[k : k + len(components)])
-                name = f"{kind}.{owner(members[0])}".rstrip(".")
-                yield _held_at_zero(name, columns, members, components)
-            if len(components) > 1 or (len(items) == 1 and len(types) == 1):
+            for index, item in zip(indices, items, strict=True):
+                name = f"{kind}.{owner(item)}".rstrip(".")
+                yield _held_at_zero(name, self.problem.candidate_columns([index]), item)
+            if len(items) == 1 and len(types) == 1:
                 continue
             of_types = dict[str, Floats]()
             for name in sorted(types):
@@ -255,10 +252,10 @@ class Hypotheses:
                 if columns.any():
                     of_types[name] = columns.sum(axis=1, keepdims=True)
             if of_types and len(items) > 1:
-                yield _held_at_zero(f"{kind}.{ALL}", sum(of_types.values(), np.zeros((1, 1))), items[:1])
+                yield _held_at_zero(f"{kind}.{ALL}", sum(of_types.values(), np.zeros((1, 1))), items[0])
             if len(of_types) > 1:
                 for name, columns in of_types.items():
-                    yield _held_at_zero(f"{kind}.{name}", columns, items[:1])
+                    yield _held_at_zero(f"{kind}.{name}", columns, items[0])
 
 
 def _most_of_series(edited: EditedFit, order: SeriesOrder, runs: Iterable[Rows]) -> Iterator[Rows]:
@@ -274,11 +271,8 @@ def _most_of_series(edited: EditedFit, order: SeriesOrder, runs: Iterable[Rows])
             yield rows
 
 
-def _held_at_zero(
-    name: str, columns: Floats, items: list[Parameter], components: tuple[str, ...] = ("",)
-) -> Hypothesis:
-    sigmas = np.array([item.prior_sigma for item in items])
-    return Hypothesis(Family.PARAMETER, "parameter", name, columns, sigmas, items[0].unit, components)
+def _held_at_zero(name: str, columns: Floats, item: Parameter) -> Hypothesis:
+    return Hypothesis(Family.PARAMETER, "parameter", name, columns, np.array([item.prior_sigma]), item.unit)
 
 
 def _prior_family(role: Role) -> Family:

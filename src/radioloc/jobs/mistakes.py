@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from radioloc.constants import SECONDS_PER_DAY
 from radioloc.errors import RadiolocError
 from radioloc.estimation.consistency import SIGNIFICANCE_LEVEL, Inconsistency
-from radioloc.jobs.problem import EstimationProblem, observation_model
+from radioloc.jobs.problem import EstimationProblem
 from radioloc.measurements.evaluation import prepare_predictor
 from radioloc.measurements.link import Link
 from radioloc.measurements.observations import Observations
@@ -39,6 +39,7 @@ _MAX_SIGMAS = 5.0  # of a residual in the misfit, as in the rejection of outlier
 _MIN_MISFIT_RATIO = 4.0  # of the data as they are to the best hypothesis: residuals twice as large
 _MAX_ITERATED, _MAX_ITERATIONS = 8, 4  # hypotheses whose fit is iterated, linearizations of each
 _ROBUST_ITERATIONS = 20  # of weights that make squares absolute values
+_TAG_ERRORS_S = {"1 s late": 1.0, "1 s early": -1.0, "a day late": 86400.0, "a day early": -86400.0}
 _FACTORS = {"have the wrong sign": -1.0, "are half of the right ones": 2.0, "are twice the right ones": 0.5}
 
 
@@ -53,14 +54,13 @@ class Mistake:
 
 
 def with_mistake(problem: EstimationProblem, solution: Solution) -> Solution:
-    """Return a solution whose first finding is the mistake that explains the observations, if there is any."""
+    """Return a solution whose finding is the mistake that explains the observations, if there is any."""
     if problem.estimate is None or (solution.converged and not solution.consistency.found):
         return solution
     mistake = find_mistake(problem)
     if mistake is None:
         return solution
-    tests = solution.consistency
-    return replace(solution, consistency=replace(tests, found=(mistake, *tests.found)))
+    return replace(solution, consistency=replace(solution.consistency, found=(mistake,)))
 
 
 def find_mistake(problem: EstimationProblem) -> Inconsistency | None:
@@ -106,7 +106,7 @@ def mistakes(observations: Observations) -> Iterator[Mistake]:
     owners = [("all stations", np.ones(count, dtype=bool))]
     owners += [(name, receivers == name) for name in stations if len(stations) > 1]
     owners = [(name, rows) for name, rows in owners if rows.any()]
-    for text, ahead_s in (("1 s late", 1.0), ("1 s early", -1.0), *_ahead_of_utc_s(observations.epoch)):
+    for text, ahead_s in (*_TAG_ERRORS_S.items(), *_ahead_of_utc_s(observations.epoch)):
         earlier = replace(observations, epoch=_earlier(observations.epoch, ahead_s))
         for owner, rows in owners:
             yield Mistake(f"the time tags of {owner} are {text}", rows, corrected=earlier)
@@ -132,7 +132,7 @@ def mistakes(observations: Observations) -> Iterator[Mistake]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Predictions:
-    """Predictions of a part of an arc for several hypotheses, without considered parameters."""
+    """Predictions of a part of an arc for several hypotheses."""
 
     problem: EstimationProblem
     arc: Predictor
@@ -175,7 +175,7 @@ class _Predictions:
                 arc = prepare_predictor(
                     arc.model, corrected, arc.motions, "auto", arc.targets, arc.more_partials
                 )
-            return observation_model(arc, self.problem.model.targets, estimate.restricted_to(arc))
+            return EstimationProblem.of(self.problem.study, arc, estimate.restricted_to(arc)).model
         except RadiolocError:  # such as an epoch before the first one of a table
             return None
 

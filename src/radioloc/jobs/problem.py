@@ -192,7 +192,8 @@ class EstimationProblem:
         for item in items:
             owners.setdefault(item.kind, set()).add(owner(item))
         for name, kind in PARAMETERS.items():
-            if (kind.more_partials and not arc.more_partials) or (kind.term and not arc.model.has(kind.term)):
+            available = arc.more_partials or not kind.more_partials
+            if len(kind.components) > 1 or not available or (kind.term and not arc.model.has(kind.term)):
                 continue
             present = members(kind, kind.scopes[0], arc)
             if not owners.get(name, set()) <= present.keys():  # parameters of another scope

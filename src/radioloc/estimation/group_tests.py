@@ -26,7 +26,7 @@ from radioloc.estimation.gauss_markov import Points, SeriesNoise, noise_of_serie
 from radioloc.estimation.least_squares import FitResult
 from radioloc.estimation.series import IndependentSeries, SeriesOrder, add_rows, independent_series, points_of
 from radioloc.estimation.time_correlation import ABSORBED_SIGMAS, mixed_units
-from radioloc.noise.whitening import Rows, RowsOf, column
+from radioloc.noise.whitening import Blocks, Rows, RowsOf, column
 from radioloc.units import set_fields
 from radioloc.vectors import Floats
 
@@ -357,6 +357,8 @@ def _link_contributions(
     series: IndependentSeries, order: SeriesOrder, rows_of: RowsOf
 ) -> tuple[NDArray[np.intp], NDArray[np.intp], Floats]:
     """Contributions of links to points: point and link, (m,), and sums of columns, (m, c)."""
+    from scipy.sparse import csr_array
+
     place, begin, _ = series.bins
     widths, start = np.ones(begin[-1], dtype=np.intp), 0
     for structure in series.whitener.structures:
@@ -371,10 +373,16 @@ def _link_contributions(
             values, position = rows_of(rows), first[place[start : start + len(rows)]]
             sums = sums if start else np.zeros((len(code), values.shape[1]))
             start += len(rows)
-            for j in range(width):
-                is_member = np.arange(len(rows)) % width == j
-                code[position + j] = np.repeat(order.code[rows[is_member]], width)
-                add_rows(sums, position + j, structure.whiten(part, values * is_member[:, None]))
+            # Each combination of a block has a contribution of each member.
+            index = position.reshape(-1, width, 1) + np.arange(width)
+            code[index] = order.code[rows].reshape(-1, 1, width)
+            if isinstance(structure, Blocks):
+                member = np.broadcast_to(np.arange(len(rows)).reshape(-1, 1, width), index.shape)
+                roots = structure.roots[structure.which[part]]
+                entries = (roots.ravel(), (index.ravel(), member.ravel()))
+                sums += csr_array(entries, (len(sums), len(rows))) @ values
+            else:
+                add_rows(sums, position, structure.whiten(part, values))
     point = np.repeat(np.arange(begin[-1]), widths)
     return point, code, sums / np.sqrt(np.bincount(place))[point, None]
 

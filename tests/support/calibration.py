@@ -96,11 +96,11 @@ def held_bounds(count: int, level: float) -> tuple[float, float]:
 def cells() -> dict[str, Cell]:
     """Return all cells by name."""
     import coverage_cells
+    import drawn_descents
     import tracking_cells
 
-    return {
-        cell.name: cell for module in (tracking_cells, coverage_cells) for cell in module.calibration_cells()
-    }
+    modules = (tracking_cells, coverage_cells, drawn_descents)
+    return {cell.name: cell for module in modules for cell in module.calibration_cells()}
 
 
 @cache

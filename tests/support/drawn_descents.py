@@ -2,7 +2,7 @@
 
 import json
 import tempfile
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import partial
@@ -10,6 +10,7 @@ from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
+from calibration import Cell, Draws
 from procedural_descents import Descent
 from procedural_ground import Ground
 
@@ -26,6 +27,7 @@ HIGHEST_M, LOWEST_M = 6000.0, 4.0
 MAP_PIXEL_M, MAP_WIDTH_M = (6.0, 12.0), 9000.0
 SUN_ELEVATION_DEG, SUNS_APART_DEG = (25.0, 55.0), 20.0
 TIE_M = (5.0, 40.0)
+SEED_STEP = 10_000  # beyond the seeds of tests
 
 
 @dataclass(frozen=True)
@@ -104,3 +106,30 @@ def outcomes(seeds: Iterable[int], relief: float = 1.0, with_dem: bool = True) -
     located = partial(outcome, relief=relief, with_dem=with_dem)
     with ProcessPoolExecutor(mp_context=get_context("spawn")) as pool:
         return list(pool.map(located, seeds))
+
+
+def calibration_cells() -> list[Cell]:
+    """Return the cells of images on flat ground and over relief, with and without elevation model."""
+    return [
+        Cell(
+            f"images, {ground}, {'with' if with_dem else 'without'} elevation model",
+            partial(_descents, relief, with_dem),
+        )
+        for ground, relief in (("flat ground", 0.0), ("relief", 1.0))
+        for with_dem in (True, False)
+    ]
+
+
+def _descents(relief: float, with_dem: bool) -> Draws:
+    return partial(_squares, relief, with_dem)
+
+
+def _squares(relief: float, with_dem: bool, numbers: Sequence[int]) -> list[float]:
+    """Return chi squared relative to the map of located descents; another one replaces each that is refused."""
+    squares = []
+    for seed in numbers:
+        drawn = outcome(seed, relief, with_dem)
+        while drawn.refused:
+            drawn = outcome(drawn.seed + SEED_STEP, relief, with_dem)
+        squares.append(drawn.relative)
+    return squares

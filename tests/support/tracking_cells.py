@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from datetime import datetime, timedelta
 from functools import partial
 
 import numpy as np
@@ -9,7 +10,7 @@ from calibration import Cell, Draws
 from change5_case import LANDER, NEAR, START, VLBI
 from threadpoolctl import threadpool_limits
 
-from radioloc import Study
+from radioloc import LunarPosition, Study
 from radioloc.jobs.linear_trials import LinearArc, LinearTrials
 from radioloc.jobs.prepared_trials import Prepared
 from radioloc.simulation import (
@@ -27,11 +28,15 @@ from radioloc.simulation.schedule import Plan
 from radioloc.simulation.truth import DrawnErrors
 from radioloc.study import EstimateChoice, HeightPrior, ModelChoice, ObservationChoice
 
-CLOCKS_SEED, DSN_SEED, SHARED_SEED = 1, 2, 3
+CLOCKS_SEED, DSN_SEED, SHARED_SEED, LASER_SEED = 1, 2, 3, 4
 DELAY_M, HEIGHT_M = 0.4, 5.0
 DSN = ("DSS-24", "DSS-34", "DSS-65")
 BIAS_M, RANGE_M, DOPPLER_M = 2.0, 1.0, 0.006
 """Sigmas of range biases, of ranges and of 60 s of Doppler, 0.1 mm/s: DSN 810-005 module 202 and 203."""
+REFLECTOR = LunarPosition("PA_DE421", np.array([1554678.949, 98094.118, 765004.906]))
+NEAR_REFLECTOR = LunarPosition("PA_DE421", np.array([1554778.949, 97994.118, 765054.906]))
+FIRST_NIGHT, NIGHT_STEP = datetime(2006, 4, 1, 2), timedelta(days=9.3)  # hours and phases of the Moon vary
+LASER_M = 0.006
 SIGNAL = {"wavelength_um": 35394.6}
 STOP = "2020-12-03T15:10:00"
 
@@ -105,6 +110,34 @@ def deep_space_network(hours: float, noise: NoiseModel) -> Draws:
     return partial(horizontal_squares, matched_trials(study, hours)[1], DSN_SEED)
 
 
+def laser_ranges_of_a_year() -> Draws:
+    """Return trials of laser ranges by one station, six in each of forty nights of a year."""
+    nights = [FIRST_NIGHT + NIGHT_STEP * k for k in range(40)]
+    sessions = [
+        Session(
+            "range",
+            two_way("APOLLO"),
+            night.isoformat(),
+            (night + timedelta(hours=1)).isoformat(),
+            600.0,
+            LASER_M,
+            wavelength_um=0.532,
+        )
+        for night in nights
+    ]
+    study = Study(
+        name="laser ranges",
+        target=NEAR_REFLECTOR,
+        model=ModelChoice(off=["troposphere"]),  # which needs recorded weather
+        simulation=Scenario(
+            Schedule(sessions, Masks(station_deg=20.0)),
+            REFLECTOR,
+            noise=NoiseModel({"range": Noise(white_m=LASER_M)}),
+        ),
+    )
+    return partial(horizontal_squares, matched_trials(study, 366.0 * 24.0)[1], LASER_SEED)
+
+
 def shared_by_stations(hours: float, noise: NoiseModel, sigma_m: float, station_m: float = 0.0) -> Draws:
     """Return trials of VLBI whose delays share errors of stations; they are stated by `station_m`, or not."""
     session = Session("vlbi_delay", baselines(*VLBI), START, STOP, 300.0, sigma_m, **SIGNAL)
@@ -159,4 +192,5 @@ def calibration_cells() -> list[Cell]:
         Cell("DSN, Gauss-Markov, 12 h", partial(deep_space_network, 12.0, LASTING)),
         Cell("DSN, Gauss-Markov, 24 h", partial(deep_space_network, 24.0, LASTING)),
         Cell("DSN, white, 12 h", partial(deep_space_network, 12.0, DSN_WHITE)),
+        Cell("laser ranges, one station, nights of a year", laser_ranges_of_a_year),
     ]

@@ -135,7 +135,9 @@ class LinearTrials:
         covariance = estimated_covariance(edited, arc.order)[0][:count, :count]
         moved = moved_by(fit, lambda rows: arc.suboptimal_m[rows], arc.suboptimal_m.shape[1])[:count]
         x, sigmas = fit.x[:count], np.sqrt(np.diag(covariance + moved @ moved.T))
-        doubts = list(misfits(edited, arc.noise.sigma_m, arc.order))
+        doubts = list(
+            misfits(edited, np.hypot(arc.noise.sigma_m, np.linalg.norm(arc.suboptimal_m, axis=1)), arc.order)
+        )
         results, determined = list[tuple[_Floats, _Floats]](), True
         for compared in arc.compared:
             by = compared.by_parameters

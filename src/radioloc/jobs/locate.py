@@ -31,7 +31,7 @@ from radioloc.jobs.problem import EstimationProblem, GravityErrorOrbits, orbit_s
 from radioloc.jobs.station_doubts import coordinate_doubts
 from radioloc.jobs.stochastic import StochasticProblem
 from radioloc.jobs.usability import usability
-from radioloc.jobs.verdict import mark_if_unobservable, misfits, search_hints
+from radioloc.jobs.verdict import mark_if_unobservable, misfits, search_hints, with_considered
 from radioloc.labels import USED, Labels
 from radioloc.lunar import rot_pa_to_me
 from radioloc.measurements.observations import Observations
@@ -173,7 +173,7 @@ class _Fitted:
         problem, edited = self.problem, self.edited
         if problem.estimate is None:
             return []
-        doubts = [*misfits(edited, problem.noise.sigma_m, problem.order)]
+        doubts = [*misfits(edited, with_considered(problem.noise.sigma_m, self.suboptimal), problem.order)]
         for k, target in enumerate(self.model.targets):
             fitted = FittedObservations(
                 self.model.predictor,

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
+from radioloc.estimation.consider import ConsideredErrors
 from radioloc.estimation.editing import EditedFit
 from radioloc.estimation.series import LinkSeries, SeriesOrder
 from radioloc.estimation.stated_sigmas import noise_over_stated
@@ -21,6 +22,7 @@ from radioloc.estimation.status import Doubt, FitStatus
 from radioloc.estimation.variance_components import mean_leverage
 from radioloc.labels import USED
 from radioloc.measurements.registry import KINDS, is_integrated
+from radioloc.noise.whitening import slices
 from radioloc.results.solution import Solution
 from radioloc.study.study import Study
 
@@ -39,8 +41,19 @@ MAX_START_DISTANCE_M = 1e5
 """Largest distance of an estimate from the a-priori position within which all starts end at one place."""
 
 
+def with_considered(sigma_m: NDArray[np.float64], errors: ConsideredErrors | None) -> NDArray[np.float64]:
+    """Return sigmas (n,) with considered errors outside the weights, which the residuals contain, m."""
+    if errors is None:
+        return sigma_m
+    variance_m2, prior_sigmas = np.square(sigma_m), errors.parameters.prior_sigmas
+    for part in slices(len(sigma_m)):
+        rows = np.arange(part.start, min(part.stop, len(sigma_m)))
+        variance_m2[rows] += np.square(errors.partials(rows) * prior_sigmas).sum(axis=1)
+    return np.sqrt(variance_m2)
+
+
 def misfits(edited: EditedFit, stated_m: NDArray[np.float64], order: SeriesOrder) -> Iterator[Doubt]:
-    """Doubt types with used residuals far beyond their stated sigmas (n,), and stations with many outliers."""
+    """Doubt types with used residuals far beyond their sigmas (n,), and stations with many outliers."""
     fit, types = edited.fit, order.types
     yield from _rejected_stations(edited, order)
     free_part = mean_leverage(fit)

@@ -7,9 +7,11 @@ import numpy as np
 import pytest
 
 import radioloc
-from radioloc.estimation import FitStatus, Labels
+from radioloc.estimation import FitStatus, Labels, Parameter, ParameterSet, fit_with_editing
+from radioloc.estimation.consider import ConsideredErrors
 from radioloc.estimation.noise_structure import Differences, noise_ratios
 from radioloc.estimation.series import SeriesOrder
+from radioloc.jobs.verdict import misfits, with_considered
 from radioloc.measurements import PhysicalModel
 from radioloc.study import EstimateChoice, ModelChoice, ObservationChoice
 
@@ -73,3 +75,19 @@ def test_differences_show_noise_and_neither_outliers_nor_errors_of_the_model(fau
     differences = Differences.of(5.0 * noise + error_m, np.ones(n), np.ones(n, dtype=bool), order)
     [ratio] = noise_ratios(differences, 1)
     assert ratio == pytest.approx(5.0, rel=1.0 if fault == "outliers" else 0.2)
+
+
+def test_residuals_are_compared_with_stated_and_considered_variance():
+    """A considered error outside the weights, of 30 m over a day, is in residuals of 1 m noise."""
+    n = 300
+    time_s, rng = 600.0 * np.arange(n), np.random.default_rng(4)
+    effect_m = 30.0 * np.sin(7.3e-5 * time_s)
+    observed_m, design = effect_m + rng.normal(size=n), np.ones((n, 1))
+    parameters = ParameterSet([Parameter("offset", "m", "bias")])
+    edited = fit_with_editing(lambda x: (observed_m - design @ x, design), parameters, 1.0, threshold=None)
+    order = SeriesOrder.of(Labels.of(["range"] * n), Labels.of(["A"] * n), time_s)
+    errors = ConsideredErrors(
+        ParameterSet([Parameter("error", "1", "error", prior_sigma=1.0)]), lambda rows: effect_m[rows, None]
+    )
+    assert [*misfits(edited, with_considered(np.ones(n), None), order)]
+    assert not [*misfits(edited, with_considered(np.ones(n), errors), order)]

@@ -15,9 +15,9 @@ Nor do independent weights, the identity, have the least variance: a dense serie
 more accurate a-priori values and other series. The best linear estimate weighs by the inverse of V (Aitken 1935). A
 Kalman filter whitens residuals and design matrix of each series; what it leaves are independent observations to the
 fit. The noise is found once, from the fit with independent weights: a restricted likelihood does not depend on the
-estimate. Delays that share errors of stations have the weight of their effective number of observations: their sigmas
-are multiplied by the root of n / n_effective, the mean over the combinations of baselines whose errors are
-correlated.
+estimate. Weights allow for significant correlation only, the covariance for all that the residuals leave possible.
+Delays that share errors of stations have the weight of their effective number of observations: their sigmas are
+multiplied by the root of n / n_effective, the mean over the combinations of baselines whose errors are correlated.
 """
 
 from __future__ import annotations
@@ -79,7 +79,7 @@ def assess_time_correlation(
     series = independent_series(order, fit.noise, fit.used) if series is None else series
     q = root.shape[1]
     points = points_of(series, rows_of(fit), root)
-    noise = noise_of_series(*_before_considering(fit, points))
+    noise = noise_of_series(*_before_considering(fit, points), significant=False)
     if not noise:
         return uncorrelated
     added = np.zeros((q, q))
@@ -91,16 +91,17 @@ def assess_time_correlation(
         unit, gain = points.unit[part], points.gain[part]
         columns, width_s = np.column_stack([unit, gain]), float(points.width_s[k])
         products = process.products(points.step_s[part], gain, columns, width_s)
-        added += products[:q, :q] - gram(unit, unit)
-        variance = process.white + float(process.coloured.sum())
+        added += products[:q, :q] - process.explained_variance * gram(unit, unit)
+        if not process.is_significant:
+            continue
         correlations[series_item.key] = SeriesCorrelation(
             series_item.name,
             count,
-            count**2 * variance / float(products[q, q]),
+            count**2 * process.variance / float(products[q, q]),
             process.correlation_time_s,
             process.share,
         )
-    noise = {key: noise[key] for key in correlations}
+    noise = {item.key: noise[item.key] for item in points.series if item.key in noise}
     return TimeCorrelation(tuple(correlations.values()), in_parameters(added, fit), noise)
 
 
@@ -142,9 +143,9 @@ def estimated_covariance(edited: EditedFit, order: SeriesOrder) -> tuple[Floats,
     """Covariance of the estimate with noise as large as the residuals show, and as correlated in time, shape (p, p)."""
     covariance = scaled_covariance(edited.fit, edited.fit.noise_scale)
     correlation = assess_time_correlation(edited.fit, order) if edited.ended else None
-    if correlation is None or not correlation.series:
+    if correlation is None:
         return covariance, None
-    return covariance + correlation.added_covariance, correlation
+    return covariance + correlation.added_covariance, correlation if correlation.series else None
 
 
 def scaled_covariance(fit: FitResult, noise_scale: float) -> Floats:
@@ -232,8 +233,9 @@ def _with_covariances(fit: FitResult, noise: CorrelatedWhitener, correlation: Ti
                 weighted[indices],
                 np.diff(series.time_s[indices], prepend=series.time_s[indices[0]]),
             )
-            products = correlation.noise[item.key].products(step_s, np.ones(len(indices)), columns)
-            added += products - gram(columns, columns)
+            process = correlation.noise[item.key]
+            products = process.products(step_s, np.ones(len(indices)), columns)
+            added += products - process.explained_variance * gram(columns, columns)
     unit = np.eye(len(directions)) + directions @ (unit - np.eye(len(unit))) @ directions.T
     fit = replace(fit, covariance=covariance_of(fit.factor, fit.parameters, unit))
     added_covariance = in_parameters(directions @ added @ directions.T, fit)
@@ -258,7 +260,8 @@ def _weight_noise(
 
 def _weights(series: IndependentSeries, correlation: TimeCorrelation) -> tuple[SeriesWeight, ...]:
     """Weights of the series; combinations of observations with shared errors have one weight."""
-    items = dict(zip(correlation.noise, correlation.series, strict=True))
+    significant = (key for key, noise in correlation.noise.items() if noise.is_significant)
+    items = dict(zip(significant, correlation.series, strict=True))
     counts: dict[str, int] = {}
     correlations: dict[str, list[SeriesCorrelation]] = {}
     for item, combinations in zip(series.series, series.of_each, strict=True):

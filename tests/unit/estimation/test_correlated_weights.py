@@ -226,7 +226,7 @@ def test_observations_that_share_errors_are_weighed_together():
     assert weight.count == n
     assert weight.sigma_factor > 5.0
     fit = result.fit
-    assert len(fit.time_correlation.noise) == 3
+    assert sum(item.is_significant for item in fit.time_correlation.noise.values()) == 3
     # One factor on all sigmas: the estimate is that of the stated covariance, dense.
     x, covariance, _ = case.generalized(observed)
     np.testing.assert_allclose(fit.x, x, rtol=0.0, atol=ROUNDING)

@@ -104,7 +104,9 @@ def test_the_covariance_of_an_estimate_has_what_time_correlation_adds():
             assert (np.diag(added) > 5.0 * np.diag(edited.fit.covariance)).all()
         else:
             assert correlation is None
-            np.testing.assert_allclose(added, 0.0, rtol=0, atol=1e-18)
+            # Processes that are not excluded add a little.
+            assert (np.diag(added) >= 0.0).all()
+            assert (np.diag(added) < 0.1 * np.diag(edited.fit.covariance)).all()
 
 
 def test_order_of_rows_and_size_of_parts_do_not_matter(monkeypatch):

@@ -45,7 +45,7 @@ def nees_of_position(problem, noise):
 
 @pytest.mark.slow
 def test_short_intervals_are_needed_for_sigmas_of_the_size_of_the_errors(problem):
-    """The same spectral density of white accelerations, twice that of Kaula's rule."""
+    """White accelerations have one spectral density, twice that of Kaula's rule."""
     short = ProcessNoise(1.1e-6, 2.8e-7, 1.1e-6, interval_s=130.0)
     long = replace(
         short,

@@ -20,6 +20,7 @@ Probabilities are multiplied by the number of tests (Bonferroni correction).
 from __future__ import annotations
 
 import math
+import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -86,6 +87,11 @@ class Inconsistency:
     def significant(self) -> bool:
         """True if the p-value is below the significance level."""
         return self.log10_chance < math.log10(SIGNIFICANCE_LEVEL)
+
+    @property
+    def participants(self) -> frozenset[str]:
+        """Words of the name, among them the stations concerned."""
+        return frozenset(re.split(r"[ .<>|]+", self.name))
 
     def to_dict(self) -> dict[str, Any]:
         """Return all fields for JSON; a significant test has a sentence as ``text``."""

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.estimation.combination import Agreement, PositionEstimate, agreement
+from radioloc.estimation.consistency import Inconsistency
 from radioloc.estimation.statistics import chi2_quantile, finite_or_none
 from radioloc.lunar.local import EAST_NORTH_UP
 from radioloc.lunar.position import LunarPosition
@@ -613,6 +614,7 @@ class LeaveOneOut(Result):
         return f"{row.label}, {', '.join(Link.from_path(row.name).targets)}" if several else row.label
 
     def _notes(self) -> Iterator[str]:
+        yield from (f"consistency tests of all observations: {item.cause}" for item in self._findings)
         counts = Counter(row.quantity for row in self.omissions if row.sigmas is not None)
         for row in self.omissions:
             quantity = f"{row.quantity}{f' of {row.target}' if row.target else ''}"
@@ -624,10 +626,23 @@ class LeaveOneOut(Result):
             elif row.sigmas is not None and row.sigmas > limit:
                 yield (
                     f"without {self._label(row)} the {quantity} moves by {math.hypot(*row.shift_m):.3g} m, "
-                    f"{row.sigmas:.1f} sigmas of that shift (99.9 % are below {limit:.2f}): its "
-                    "observations are inconsistent with the others, or the sigmas are too small"
+                    f"{row.sigmas:.1f} sigmas of that shift (99.9 % are below {limit:.2f}): {self._reason(row)}"
                 )
         yield from sigma_levels([self.solution])
+
+    @property
+    def _findings(self) -> tuple[Inconsistency, ...]:
+        return self.solution.consistency.found
+
+    def _reason(self, row: Omission) -> str:
+        """Return the reason for a shift, which agrees with the findings of the consistency tests."""
+        if not self._findings:
+            return "its observations are inconsistent with the others, or the sigmas are too small"
+        link = None if row.kind == "station" else Link.from_path(row.name)
+        stations = {row.name} if link is None else {link.transmitter, link.receiver}
+        if any(stations & item.participants for item in self._findings):
+            return "the consistency tests of all observations name it too"
+        return "a consequence of what the consistency tests of all observations name"
 
 
 def _place_names(solution: Solution) -> list[str]:

@@ -55,6 +55,8 @@ MAXIMA = {
     "tests/unit/study": (0, 1, 0),
 }
 """Maximum counts by folder, to be lowered with the counts; other folders have zero."""
+MAX_PATTERN_WORDS, MAX_LONG_PATTERNS = 4, 60
+"""Words of a pattern of `pytest.raises` that is not prose, and number of longer ones."""
 
 
 @cache
@@ -90,3 +92,15 @@ def test_counts_are_within_their_bounds(package):
 def test_each_folder_has_bounds():
     folders = {path.parent for top in ("src", "tests") for path in (ROOT / top).rglob("*.py")}
     assert {str(folder.relative_to(ROOT)) for folder in folders if any(counts(folder))} <= set(MAXIMA)
+
+
+def test_few_tests_match_prose():
+    long_patterns = [
+        text
+        for path in (ROOT / "tests").rglob("*.py")
+        for node in ast.walk(ast.parse(path.read_text()))
+        if isinstance(node, ast.keyword) and node.arg == "match"
+        for text in [ast.unparse(node.value)]
+        if len(text.split()) > MAX_PATTERN_WORDS
+    ]
+    assert len(long_patterns) <= MAX_LONG_PATTERNS, long_patterns

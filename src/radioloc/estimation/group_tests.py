@@ -303,7 +303,8 @@ class ScoreProducts:
         columns = np.arange(len(self.size))[indices if isinstance(indices, slice) else list(indices)]
         size, score, gain = self.size[columns], self.score[columns], self.gain[:, columns]
         scale = np.divide(1.0, size, out=np.zeros_like(size), where=size > 0.0)
-        values, axes = np.linalg.eigh(self.information[columns][:, columns] * scale[:, None] * scale)
+        scaled = self.information[np.ix_(columns, columns)] * scale[:, None] * scale
+        values, axes = (scaled[0], np.ones((1, 1))) if len(scaled) == 1 else np.linalg.eigh(scaled)
         determined = values > _MIN_SQUARE_FRACTION
         if not determined.any():
             return None

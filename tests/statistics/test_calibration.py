@@ -3,19 +3,24 @@
 Bounds of 300 draws exclude a factor of 1.3 in the mean NEES.
 """
 
+import coverage_cells
 import numpy as np
 import pytest
+import tracking_cells
 from calibration import DEFAULT_DRAWS, Calibration, Cell, calibrations, nees_bounds
-from tracking_cells import calibration_cells
 
-CELLS = {cell.name: cell for cell in calibration_cells()}
-UNCALIBRATED = ("VLBI, lasting errors of stations, 24 h", "VLBI, lasting errors of stations, stated, 24 h")
-"""Errors of stations that a day of delays determines too poorly; their regions are too small."""
+CELLS = [cell.name for module in (tracking_cells, coverage_cells) for cell in module.calibration_cells()]
+UNCALIBRATED = (
+    "VLBI, lasting errors of stations, 24 h",
+    "VLBI, lasting errors of stations, stated, 24 h",
+    "VLBI, large lasting errors of stations, stated, 48 h",
+)
+"""Errors of stations that data determine poorly: mean NEES of 1.6, 1.5 and 0.8 (docs/validation.md)."""
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", [name for name in CELLS if name not in UNCALIBRATED])
-def test_tracking_cells_are_within_their_bounds(name, tmp_path):
+def test_cells_are_within_their_bounds(name, tmp_path):
     [result] = calibrations([name], DEFAULT_DRAWS, tmp_path)
     assert result.is_within, (result.nees, result.held)
 

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.constants import SECONDS_PER_DAY
-from radioloc.errors import RadiolocError
+from radioloc.errors import ConvergenceError, RadiolocError
 from radioloc.estimation.consistency import SIGNIFICANCE_LEVEL, Inconsistency
 from radioloc.jobs.problem import EstimationProblem
 from radioloc.measurements.evaluation import prepare_predictor
@@ -151,9 +151,12 @@ class _Predictions:
             return math.inf
         x, misfit = corrected_model.parameters.prior_values, math.inf
         for iteration in range(iterations):
-            linear = self._linear(corrected_model, x, iteration == 0)
-            if mistake is not None and not mistake.rows.all() and mistake.corrected is not None:
-                linear = linear.mixed(self._linear(model, x, iteration == 0), mistake.rows)
+            try:
+                linear = self._linear(corrected_model, x, iteration == 0)
+                if mistake is not None and not mistake.rows.all() and mistake.corrected is not None:
+                    linear = linear.mixed(self._linear(model, x, iteration == 0), mistake.rows)
+            except ConvergenceError:  # steps that led far from the Moon
+                return math.inf
             if mistake is not None and mistake.corrected is None:
                 value_m = self.arc.observations.value_m
                 change_m = np.where(mistake.rows, (mistake.factor - 1.0) * value_m, 0.0)

@@ -260,6 +260,7 @@ def _largest_rejected(solution: Solution) -> Iterator[str]:
         times, reason = utc_strings(rows.epoch_utc[first_row], decimals=0)[0], rows.statuses[members[0]]
         if len(members) > 1:
             times += f" and {len(members) - 1} later"
+        if len(set(rows.statuses.codes[members].tolist())) > 1:
             figures = reason.partition(": ")[2]
             reason = f"{reasons[members[0]]}, the largest: {figures}" if figures else reasons[members[0]]
         yield f"{times} {links[members[0]]}: {reason}"

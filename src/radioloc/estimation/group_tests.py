@@ -26,13 +26,15 @@ from radioloc.estimation.gauss_markov import Points, SeriesNoise, noise_of_serie
 from radioloc.estimation.least_squares import FitResult
 from radioloc.estimation.series import IndependentSeries, SeriesOrder, add_rows, independent_series, points_of
 from radioloc.estimation.time_correlation import ABSORBED_SIGMAS, mixed_units
-from radioloc.noise.whitening import Blocks, Rows, RowsOf, column
+from radioloc.labels import changed
+from radioloc.noise.whitening import Blocks, Diagonal, Rows, RowsOf, Structure, column
 from radioloc.units import set_fields
 from radioloc.vectors import Floats
 
 _MIN_SQUARE_FRACTION = (
     1e-6  # smallest fraction of a column outside the span of the design matrix; less is rounding
 )
+_MAX_BIN_ROWS = 16  # rows of a bin whose partials are computed: partials are smooth within a bin
 _BATCH_POINTS, _MIN_BATCHES = 10, 5  # batches whose sums show whether residuals are still correlated
 _MEDIAN_CHI2_1 = 0.4549  # median of chi-square with one degree of freedom
 _MIN_VARIANCE_OBSERVATIONS = 20  # observations that determine the variance of a series
@@ -370,22 +372,44 @@ def _link_contributions(
     for structure in series.whitener.structures:
         width = structure.rows.size // len(structure.rows)
         for part in structure.parts():
-            rows = structure.rows[part].ravel()
-            values, position = rows_of(rows), first[place[start : start + len(rows)]]
-            sums = sums if start else np.zeros((len(code), values.shape[1]))
-            start += len(rows)
+            rows = structure.rows[part].reshape(-1, width)
+            position = first[place[start : start + rows.size]].reshape(-1, width)
             # Each combination of a block has a contribution of each member.
-            index = position.reshape(-1, width, 1) + np.arange(width)
-            code[index] = order.code[rows].reshape(-1, 1, width)
-            if isinstance(structure, Blocks):
-                member = np.broadcast_to(np.arange(len(rows)).reshape(-1, 1, width), index.shape)
-                roots = structure.roots[structure.which[part]]
-                entries = (roots.ravel(), (index.ravel(), member.ravel()))
-                sums += csr_array(entries, (len(sums), len(rows))) @ values
-            else:
-                add_rows(sums, position, structure.whiten(part, values))
+            index = position[:, :, None] + np.arange(width)
+            code[index] = order.code[rows][:, None]
+            start += rows.size
+            if not isinstance(structure, Diagonal | Blocks):
+                values = structure.whiten(part, rows_of(rows[:, 0]))
+                sums = sums if sums.size else np.zeros((len(code), values.shape[1]))
+                add_rows(sums, position[:, 0], values)
+                continue
+            chosen, weight = _sampled(position[:, 0])
+            values = rows_of(rows[chosen].ravel())
+            sums = sums if sums.size else np.zeros((len(code), values.shape[1]))
+            member = np.broadcast_to(np.arange(values.shape[0]).reshape(-1, 1, width), index[chosen].shape)
+            entries = _roots(structure, part, chosen) * weight[:, None, None]
+            shape = (len(sums), len(values))
+            sums += csr_array((entries.ravel(), (index[chosen].ravel(), member.ravel())), shape) @ values
     point = np.repeat(np.arange(begin[-1]), widths)
     return point, code, sums / np.sqrt(np.bincount(place))[point, None]
+
+
+def _sampled(place: NDArray[np.intp]) -> tuple[NDArray[np.intp], Floats]:
+    """Choose rows of each run in one bin, evenly, and count the rows that each represents."""
+    starts = np.flatnonzero(changed(place[:, None]))
+    count = np.diff(starts, append=len(place))
+    rank, size = np.arange(len(place)) - np.repeat(starts, count), np.repeat(count, count)
+    is_chosen = _MAX_BIN_ROWS * rank // size > _MAX_BIN_ROWS * (rank - 1) // size
+    weight = count / np.add.reduceat(is_chosen.astype(np.intp), starts)
+    rows = np.flatnonzero(is_chosen)
+    return rows, np.repeat(weight, count)[rows]
+
+
+def _roots(structure: Structure, part: slice, chosen: NDArray[np.intp]) -> Floats:
+    """Return the maps (m, k, k) of some blocks of a part to independent combinations."""
+    if isinstance(structure, Blocks):
+        return np.asarray(structure.roots[structure.which[part][chosen]])
+    return structure.whiten(part, np.ones((len(structure.rows[part]), 1)))[chosen, :, None]
 
 
 def _sums_from(values: Floats) -> Floats:

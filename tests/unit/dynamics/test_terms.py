@@ -224,7 +224,7 @@ def test_invalid_accelerations_and_impulses():
         Acceleration("a", normal=(0.0, np.nan, 1.0))
     with pytest.raises(InputError, match="burn: delta_v_m_s"):
         Impulse("burn", EPOCH, (np.inf, 0.0, 0.0))
-    with pytest.raises(InputError, match="later than start"):
+    with pytest.raises(InputError, match="an epoch after the start"):
         Acceleration("a", start=EPOCH, stop=EPOCH)
     with pytest.raises(InputError, match=r"got 'b\.r'"):
         forces(0, accelerations=(Acceleration("a"),)).with_parameters({"b.r": 1.0})

@@ -457,6 +457,14 @@ def test_station_delay(model):
         assert_same(column, slope(longer, 2e-4))
 
 
+@pytest.mark.parametrize("case", ["three-way, receive", "VLBI delay"])
+def test_scale_factor(model, case):
+    """A scale of one part in 1e9 changes the value by that part."""
+    arc = arc_of(model, case)
+    column = column_of(arc, f"scale_factor.{arc.observations.links[0].path}", scale_factor="all")
+    assert_same(column, slope(lambda d: (1.0 + d) * value_m(arc), 1e-9))
+
+
 def test_two_targets(model):
     """Partials of a differenced delay by the position of each target are those of its delay."""
     constants = model.ephemeris.constants

@@ -58,7 +58,32 @@ def height_doubts(height_m: float) -> Iterator[Doubt]:
 
 
 def place_doubts(position_pa_m: Floats, fitted: FittedObservations) -> Iterator[Doubt]:
-    """Doubt a point (principal axes, m) that is off the Moon's surface or that no station sees."""
+    """Doubt a point that is off the Moon's surface or that no station sees.
+
+    Parameters
+    ----------
+    position_pa_m : ndarray, shape (3,)
+        Position in principal axes, m.
+    fitted : FittedObservations
+        Observations after the fit, as :meth:`Target.doubts` receives them.
+
+    Yields
+    ------
+    Doubt
+        Reason why the estimate cannot be used.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import radioloc
+    >>> from radioloc.jobs.preparation import prepared_arc
+    >>> from radioloc.targets.doubts import FittedObservations, place_doubts
+    >>> arc, _ = prepared_arc(radioloc.read_study("examples/apollo15/apollo15.toml"))
+    >>> used, zeros = np.ones(153, dtype=bool), np.zeros(153)
+    >>> fitted = FittedObservations(arc, 0, used, used, zeros, zeros)
+    >>> [doubt.status.name for doubt in place_doubts(np.array([-1737.4e3, 0.0, 0.0]), fitted)]
+    ['HIDDEN']
+    """
     yield from height_doubts(float(np.linalg.norm(position_pa_m)) - MEAN_LUNAR_RADIUS_M)
     observations, model = fitted.predictor.observations, fitted.predictor.model
     rows = fitted.rows[fitted.used[fitted.rows]]

@@ -44,7 +44,10 @@ BY_PASS = TruthSigma(
     libration_rad=(0.9e-7, 1.5e-7, 0.7e-7),
 )
 LASTING = TruthSigma(
-    clock_s=CLOCKS_S, clock_rate_s_s=dict.fromkeys(VLBI, 5e-15), range_bias_m=dict.fromkeys(RANGING, 10.0)
+    clock_s=CLOCKS_S,
+    clock_rate_s_s=dict.fromkeys(VLBI, 5e-15),
+    range_bias_m=dict.fromkeys(RANGING, 10.0),
+    clock_epoch_utc="2020-12-01T15:11:00",  # rates begin with the tracking
 )
 ERRORS = {
     "VLBI clocks, other in each pass": (BY_PASS, "clock", VLBI, 1.0),

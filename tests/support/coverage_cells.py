@@ -120,8 +120,8 @@ def drifting_air(plan: Plan, linear: LinearTrials) -> LinearTrials:
     drawn, time_s = linear.drawn, linear.arcs[0].order.time_s
     names, partials = [], []
     for name, by_delay in zip(drawn.names, drawn.partials, strict=True):
-        if name.startswith("zenith_delay."):
-            rows = np.flatnonzero(by_delay)
+        rows = np.flatnonzero(by_delay)
+        if name.startswith("zenith_delay.") and len(rows):
             middle_s, half_s = 0.5 * (time_s[rows].max() + time_s[rows].min()), 0.5 * np.ptp(time_s[rows])
             names.append(name + DRIFT)
             partials.append(by_delay * (time_s - middle_s) / half_s)

@@ -18,7 +18,7 @@ from radioloc.estimation.time_correlation import mixed_units
 from radioloc.vectors import Floats
 
 MAX_SHIFT_SIGMAS = 3.0
-"""Largest difference between the reported and the adapted position of a usable estimate, in total sigmas of the former:
+"""Largest difference between the reported and the adapted position of a usable estimate, in total sigmas of either:
 exceeded by chance in less than 3 % of correct cases in three dimensions."""
 
 
@@ -28,7 +28,9 @@ class AdaptedEstimate:
 
     shift: Floats  # (p,), change of the reported parameters
     covariance: Floats  # (p, p), with the errors of the considered parameters
-    shift_sigmas: float = 0.0  # length of the target's shift by the total covariance of the reported estimate
+    shift_sigmas: float = (
+        0.0  # length of the target's shift by the total covariance of the reported or this estimate
+    )
 
 
 def adapted_estimate(problem: BinnedProblem, fit: FitResult) -> AdaptedEstimate:

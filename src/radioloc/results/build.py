@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from radioloc.estimation.adaptation import MAX_SHIFT_SIGMAS
+from radioloc.estimation.adaptation import MAX_SHIFT_SIGMAS, AdaptedEstimate
 from radioloc.estimation.combination import ReferenceComparison
 from radioloc.estimation.consider import UNMODELLED_ERROR, Consider, ConsideredErrors, reported
 from radioloc.estimation.consistency import assess_consistency, rejected_runs
@@ -128,7 +128,7 @@ def with_findings(solution: Solution) -> Solution:
     adapted = solution.consistency.adapted
     if adapted is None:
         return solution
-    sigmas = _shift_sigmas(solution, adapted.shift)
+    sigmas = _shift_sigmas(solution, adapted)
     name = f"{UNMODELLED_ERROR}.{solution.consistency.found[0].name}"
     error = Parameter(name, "1", UNMODELLED_ERROR, prior_sigma=1.0, role=Role.CONSIDERED)
     effect = Consider(ParameterSet([error]), adapted.shift[:, None])
@@ -147,16 +147,26 @@ def with_findings(solution: Solution) -> Solution:
     return replace(solution, status=FitStatus.MISFIT, message=message)
 
 
-def _shift_sigmas(solution: Solution, shift: Floats) -> float:
-    """Largest shift of a target by a change of the parameters (p,), in total sigmas (Mahalanobis distance)."""
+def _shift_sigmas(solution: Solution, adapted: AdaptedEstimate) -> float:
+    """Largest shift of a target, in total sigmas (Mahalanobis distance) of the estimate in whose it is shorter.
+
+    An adapted estimate without most of the observations is far away by chance in a direction that these determined.
+    """
     if solution.trajectory is not None:
         of_target = np.array([item.kind not in PARAMETERS for item in solution.parameters])
         of_target &= solution.parameters.free
-        covariance = solution.parameter_covariance()[np.ix_(of_target, of_target)]
-        return _distance_sigmas(shift[of_target], covariance)
-    places = [solution.of_target(target.name) for target in solution.targets] or [solution]
+        maps = [
+            (np.eye(len(of_target))[of_target], solution.parameter_covariance()[np.ix_(of_target, of_target)])
+        ]
+    else:
+        places = [solution.of_target(target.name) for target in solution.targets] or [solution]
+        maps = [(place.enu_by_parameters, place.position_covariance()) for place in places]
     return max(
-        _distance_sigmas(place.enu_by_parameters @ shift, place.position_covariance()) for place in places
+        min(
+            _distance_sigmas(by @ adapted.shift, item)
+            for item in (covariance, by @ adapted.covariance @ by.T)
+        )
+        for by, covariance in maps
     )
 
 

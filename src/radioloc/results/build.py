@@ -137,7 +137,9 @@ def with_findings(solution: Solution) -> Solution:
         consider=effect if solution.consider is None else solution.consider.joined(effect),
         consistency=replace(solution.consistency, adapted=replace(adapted, shift_sigmas=sigmas)),
     )
-    if not (solution.converged and sigmas > MAX_SHIFT_SIGMAS):
+    # Unmodelled forces leave similar traces, so that a finding does not refute the estimate.
+    has_forces = any(item.kind == "force" and not item.fixed for item in solution.parameters)
+    if has_forces or not (solution.converged and sigmas > MAX_SHIFT_SIGMAS):
         return solution
     reason = (
         f"the errors found move the estimate by {sigmas:.1f} sigmas, more than {MAX_SHIFT_SIGMAS:g}: correct, exclude "

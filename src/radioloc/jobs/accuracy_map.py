@@ -25,6 +25,7 @@ from radioloc.jobs.selection import arc_lengths
 from radioloc.jobs.study_targets import surface_points
 from radioloc.jobs.workers import workers_of
 from radioloc.lunar.position import LunarPosition
+from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.parameters.parameter import ParameterSet
 from radioloc.progress import progress_bar
 from radioloc.quantities import FloatLike, accepts_quantities
@@ -79,8 +80,8 @@ def accuracy_map(
     Examples
     --------
     >>> import radioloc
-    >>> found = radioloc.accuracy_map("examples/change5/short_arc.toml", 45.0)
-    >>> found.radius_95_m.shape, bool(found.determined)
+    >>> accuracy = radioloc.accuracy_map("examples/change5/short_arc.toml", 45.0)
+    >>> accuracy.radius_95_m.shape, bool(accuracy.determined)
     ((4, 4), True)
     """
     study = as_study(study)
@@ -100,7 +101,7 @@ def accuracy_map(
     grid = values.reshape(len(latitude_deg), len(longitude_deg), 5)
     return AccuracyMap(
         study.name,
-        model_of(study).ephemeris.constants.me_frame,
+        sites.model.ephemeris.constants.me_frame,
         sites.height_m,
         sites.part.span_h,
         longitude_deg,
@@ -144,15 +145,20 @@ class _Sites:
         return np.array([self._accuracy(*divmod(site, len(self.longitude_deg))) for site in trials])[:, None]
 
     @cached_property
+    def model(self) -> PhysicalModel:
+        """Physical model of the study."""
+        return model_of(self.study)
+
+    @cached_property
     def height_m(self) -> float:
         """Height of all sites above the sphere of 1737.4 km, m."""
         [target] = self.study.points.values()
-        return target.to_axes("ME", model_of(self.study).ephemeris.constants).selenographic[2]
+        return target.to_axes("ME", self.model.ephemeris.constants).selenographic[2]
 
     @cached_property
     def _planner(self) -> Planner:
         assert self.study.simulation is not None  # required of the study
-        return self.study.simulation.schedule.planner(model_of(self.study))
+        return self.study.simulation.schedule.planner(self.model)
 
     @cached_property
     def _everything(self) -> tuple[Plan, NDArray[np.intp], EstimationProblem]:
@@ -160,17 +166,13 @@ class _Sites:
         study, scenario = self.study, self.study.simulation
         assert scenario is not None
         masks = scenario.schedule.masks
-        lower = {name: mask_deg - _MASK_MARGIN_DEG for name, mask_deg in masks.by_station_deg.items()}
-        wider = replace(
-            masks,
-            station_deg=max(masks.station_deg - _MASK_MARGIN_DEG, -90.0),
-            target_deg=-90.0,
-            by_station_deg=lower,
-        )
+        lower = {name: max(deg - _MASK_MARGIN_DEG, -90.0) for name, deg in masks.by_station_deg.items()}
+        station_deg = max(masks.station_deg - _MASK_MARGIN_DEG, -90.0)
+        wider = replace(masks, station_deg=station_deg, target_deg=-90.0, by_station_deg=lower)
         # Which station transmits depends on the site.
         sessions = [replace(session, one_uplink=False) for session in scenario.schedule.sessions]
         schedule = replace(scenario.schedule, sessions=sessions, masks=wider)
-        model, name = self._planner.model, next(iter(scenario.targets))
+        model, name = self.model, next(iter(scenario.targets))
         plan = schedule.plan(model, {name: self._place(0.0, 0.0).xyz_m})
         arc, _, rows = planned_arc(study, plan.observations, model, {})
         noise = scenario.noise.covariance(plan).select(rows)
@@ -185,7 +187,7 @@ class _Sites:
 
     def _place(self, longitude_deg: float, latitude_deg: float) -> LunarPosition:
         """Return a site in principal axes."""
-        constants = self._planner.model.ephemeris.constants
+        constants = self.model.ephemeris.constants
         frame = constants.me_frame
         site = LunarPosition.from_selenographic(longitude_deg, latitude_deg, self.height_m, frame=frame)
         return site.to_axes("PA", constants)
@@ -200,7 +202,7 @@ class _Sites:
         if choice.height_prior is not None:
             prior = HeightPrior(self.height_m, choice.height_prior.sigma_m)
             choice = replace(choice, height_prior=prior)
-        [target] = surface_points({"": place}, self._planner.model, choice)
+        [target] = surface_points({"": place}, self.model, choice)
         model = problem.model
         parameters = ParameterSet([*target.parameters, *list(model.parameters)[model.first :]])
         at_site = replace(model, targets=(target,), parameters=parameters, partials_cache=[])

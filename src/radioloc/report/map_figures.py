@@ -260,11 +260,7 @@ def plot_accuracy_map(accuracy: AccuracyMap, ax: Axes | None = None) -> Figure:
         cmap="viridis_r",
         rasterized=True,
     )
-    turn = np.linspace(-0.5 * np.pi, 0.5 * np.pi, 121)
-    style: Any = {"color": "white", "linewidth": 0.5, "alpha": 0.7}
-    for angle in np.radians(np.arange(-90, 91, 30)):
-        axes.plot(np.sin(angle) * np.cos(turn), np.sin(turn), **style)
-        axes.plot(np.cos(angle) * np.sin(turn), np.full_like(turn, np.sin(angle)), **style)
+    _draw_graticule(axes, 90, color="white", linewidth=0.5, alpha=0.7)
     for name, fraction, marker in (("best", 1.0, "^"), ("worst", 0.0, "v")):
         row, column = accuracy.ranked(fraction)
         longitude_rad, latitude_rad = np.radians([accuracy.longitude_deg[column], accuracy.latitude_deg[row]])
@@ -281,17 +277,20 @@ def plot_accuracy_map(accuracy: AccuracyMap, ax: Axes | None = None) -> Figure:
     return axes.figure  # type: ignore[return-value]
 
 
+def _draw_graticule(axes: Axes, most_deg: int, **style: Any) -> None:
+    """Draw meridians and parallels every 30 degrees, as seen from the mean direction of the Earth."""
+    turn = np.linspace(-0.5 * np.pi, 0.5 * np.pi, 121)
+    for angle in np.radians(np.arange(-most_deg, most_deg + 1, 30)):
+        axes.plot(np.sin(angle) * np.cos(turn), np.sin(turn), **style)
+        axes.plot(np.cos(angle) * np.sin(turn), np.full_like(turn, np.sin(angle)), **style)
+
+
 def _draw_globe(around: Axes, plane: TangentPlane) -> None:
     """Draw the near side of the Moon, with the mean direction of the Earth in its middle, and the site."""
     axes = around.inset_axes((0.015, 0.80, 0.185, 0.185))
     turn = np.linspace(0.0, 2.0 * np.pi, 121)
     axes.fill(np.cos(turn), np.sin(turn), facecolor=(1.0, 1.0, 1.0, 0.85), edgecolor="0.3", linewidth=0.8)
-    half = np.linspace(-0.5 * np.pi, 0.5 * np.pi, 61)
-    for angle in np.radians(np.arange(-60, 61, 30)):
-        axes.plot(np.sin(angle) * np.cos(half), np.sin(half), color="0.75", linewidth=0.4)
-        axes.plot(
-            np.cos(angle) * np.sin(half), np.full_like(half, np.sin(angle)), color="0.75", linewidth=0.4
-        )
+    _draw_graticule(axes, 60, color="0.75", linewidth=0.4)
     axes.plot(0.0, 0.0, "+", color="0.3", markersize=5, markeredgewidth=0.8)
     axes.annotate("Earth", (0.0, 0.0), (2, 2), textcoords="offset points", fontsize=6, color="0.3")
     to_earth, to_east, to_north = plane.axes()[2]

@@ -16,6 +16,11 @@ from radioloc.results.cards import Card, Field, metres
 from radioloc.results.result import Content, Raster, Result, Table
 from radioloc.vectors import Floats
 
+_RANKS = {
+    "best": 1.0,
+    "median": 0.5,
+    "worst": 0.0,
+}  # fraction of the determined sites that a site is better than
 _SIGMAS = ("sigma_east_m", "sigma_north_m", "sigma_up_m")
 
 
@@ -36,7 +41,12 @@ class AccuracyMap(Result):
     @property
     def determined(self) -> bool:
         """True if the position of at least one site is determined."""
-        return bool(np.isfinite(self.radius_95_m).any())
+        return self.determined_count > 0
+
+    @property
+    def determined_count(self) -> int:
+        """Number of sites whose position is determined."""
+        return int(np.isfinite(self.radius_95_m).sum())
 
     @property
     def step_deg(self) -> float:
@@ -58,13 +68,13 @@ class AccuracyMap(Result):
     def ranked(self, fraction: float) -> tuple[int, int]:
         """Return row and column of the site that is better than a fraction of those determined; 1 is the best."""
         order = np.argsort(self.radius_95_m, axis=None, kind="stable")
-        count = int(np.isfinite(self.radius_95_m).sum())
-        row, column = divmod(int(order[round((1.0 - fraction) * max(count - 1, 0))]), len(self.longitude_deg))
+        place = round((1.0 - fraction) * max(self.determined_count - 1, 0))
+        row, column = divmod(int(order[place]), len(self.longitude_deg))
         return row, column
 
     def to_dict(self) -> dict[str, Any]:
         """Return the grid and its best, median and worst site, in types that JSON has."""
-        ranks = {"best": 1.0, "median": 0.5, "worst": 0.0} if self.determined else {}
+        ranks = _RANKS if self.determined else {}
         return {
             "name": self.name,
             "frame": self.frame,
@@ -72,7 +82,7 @@ class AccuracyMap(Result):
             "span_h": self.span_h,
             "step_deg": self.step_deg,
             "sites": self.count.size,
-            "determined": int(np.isfinite(self.radius_95_m).sum()),
+            "determined": self.determined_count,
             **{name: self.site(*self.ranked(fraction)) for name, fraction in ranks.items()},
         }
 
@@ -102,21 +112,17 @@ class AccuracyMap(Result):
     def card(self) -> Card:
         """Return the card of the map."""
         heading = ("95 %, m", "deg E", "deg N", "obs.", "east", "north", "up")
-        rows = [
-            (name, *self._cells(fraction))
-            for name, fraction in (("best", 1.0), ("median", 0.5), ("worst", 0.0))
-        ]
+        rows = [(name, *self._cells(fraction)) for name, fraction in _RANKS.items() if self.determined]
         return Card(
             (
                 Field("accuracy", (self.name,)),
                 Field("status", self._status()),
-                Field("sites", (), ("", *heading), rows if self.determined else []),
+                Field("sites", (), ("", *heading), rows),
             )
         )
 
     def _status(self) -> Iterator[str]:
-        determined = int(np.isfinite(self.radius_95_m).sum())
-        yield f"{determined} of {self.count.size} sites are determined by {self.span_h:.1f} h of tracking"
+        yield f"{self.determined_count} of {self.count.size} sites are determined by {self.span_h:.1f} h of tracking"
         yield f"{self.frame}, height {self.height_m:.0f} m, a site every {self.step_deg:g} deg"
 
     def _cells(self, fraction: float) -> Iterator[str]:

@@ -103,7 +103,7 @@ def _leaves_ellipsoid(solution: Solution, shift_enu_m: tuple[float, float, float
     if (adapted := solution.consistency.adapted) is not None:  # the ellipsoid without the findings
         joint_shift_m = solution.enu_by_parameters @ adapted.shift
         covariance_m2 = covariance_m2 - np.outer(joint_shift_m, joint_shift_m)
-    dof = int(np.linalg.matrix_rank(covariance_m2, hermitian=True))  # of a fixed direction there is no error
+    dof = int(np.linalg.matrix_rank(covariance_m2, hermitian=True))  # a fixed direction has zero variance
     chi2 = float(shift_m @ np.linalg.pinv(covariance_m2, hermitian=True) @ shift_m)
     return dof > 0 and chi2 > chi2_quantile(_ONE_SIGMA_PROBABILITY, dof)
 

@@ -33,7 +33,7 @@ observations = radioloc.read_observations(study.observations.files, catalogue=st
 done("read")
 arc, left_out = prepared_arc(study, observations)
 done("select and prepare")
-arc.at(study.target.to_axes("PA", arc.model.ephemeris.constants).xyz_m).rows(slice(0, 1))
+arc.predict(study.target.to_axes("PA", arc.model.ephemeris.constants).xyz_m).rows(slice(0, 1))
 done("load compiled code")
 solution = fit_arc(study, arc, left_out, study.estimate)
 done("fit")

@@ -82,14 +82,14 @@ def seconds_each_in_turns(cases, at_least_s=4.0):
 
 def blocks(arc, lander_pa_m, block=65536):
     """Compute values and partials of all observations in blocks of rows, as in a fit."""
-    prediction = arc.at(FixedPoint(lander_pa_m))
+    prediction = arc.predict(FixedPoint(lander_pa_m))
     for first in range(0, len(arc.observations), block):
         prediction.rows(slice(first, first + block))
 
 
 def floor_of(arc, lander_pa_m):
     """Evaluate the same polynomials at sorted times in cache."""
-    coefficients = arc.at(FixedPoint(lander_pa_m))._coefficients[:1]
+    coefficients = arc.predict(FixedPoint(lander_pa_m))._coefficients[:1]
     t = np.linspace(-1.0, 1.0, 1024)
     n = len(arc.observations) // 1024 * 1024
     return lambda: polynomials(coefficients, t, n), n

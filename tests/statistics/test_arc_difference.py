@@ -12,7 +12,7 @@ from paths import EXAMPLES
 
 import radioloc
 from radioloc.constants import C_M_S
-from radioloc.estimation.consider import moved_by, prior_effects
+from radioloc.estimation.consider import prior_effects, sensitivity_of
 from radioloc.jobs.prepared_trials import Prepared
 from radioloc.simulation import TruthSigma
 
@@ -125,7 +125,8 @@ def differences(study, effects_m):
         # Correlated weights are estimated from the noise of the first draw, which has seed 0.
         fit = arc.fit(noise_m[0, arc.part], seed=0).fit
         of_arc = {
-            name: arc.compared[0].by_parameters[0] @ moved_by(fit, lambda rows, m=m: m[rows], m.shape[1])
+            name: arc.compared[0].by_parameters[0]
+            @ sensitivity_of(fit, lambda rows, m=m: m[rows], m.shape[1])
             for name, m in ((name, m[arc.part]) for name, m in effects_m.items())
         }
         height = fit.parameters.names.index("position.height")

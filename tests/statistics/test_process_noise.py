@@ -33,7 +33,9 @@ def nees_of_position(problem, noise):
     x, rows = problem.model.parameters.prior_values, np.arange(len(problem.arc.observations))
     orbits = problem.orbits_with_gravity_errors(x)
     errors_m = problem.suboptimal_errors(problem.model, x, orbits).partials(rows)
-    by_process = IndependentAccelerations.of(StochasticProblem.about(problem.model, noise, x)).effects_m(rows)
+    by_process = IndependentAccelerations.of(
+        StochasticProblem.linearized_about(problem.model, noise, x)
+    ).effects_m(rows)
     by_state = problem.model.linearize(x).partials(rows)[:, :6]
     covariance_m2 = SIGMA_M**2 * np.eye(len(rows)) + by_process @ by_process.T
     weighted = np.linalg.solve(covariance_m2, by_state)

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.errors import InputError
 from radioloc.imaging.sensor_models import FrameModel
-from radioloc.imaging.shading import LUNAR_LAMBERT, brightness_of_slopes, in_bytes
+from radioloc.imaging.shading import LUNAR_LAMBERT, brightness_of_slopes, to_eight_bits
 from radioloc.lunar.map_files import new_geotiff
 from radioloc.lunar.map_grid import load_rasterio
 from radioloc.lunar.maps import TangentPlane
@@ -161,7 +161,7 @@ class Ground:
 def as_bytes(brightness: Floats, sun: Floats, noise: float, seed: int) -> NDArray[np.uint8]:
     """Return eight bits with noise of a standard deviation."""
     drawn = np.random.default_rng([seed, brightness.size]).normal(0.0, noise, brightness.shape)
-    return in_bytes(brightness, sun, drawn)
+    return to_eight_bits(brightness, sun, drawn)
 
 
 def _by_threads(work: Callable[[int], Any], items: range) -> list[Any]:

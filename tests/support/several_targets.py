@@ -80,7 +80,7 @@ def scene(folder: Path) -> Scene:
     trajectory = Trajectory.open(folder / "known.bsp", BODY)
     landing = study.simulation.position
     true = {"lander": LANDER, "rover": ROVER, **flying, "known": trajectory, "descent": landing}
-    motions = (LANDER, ROVER, *orbits.values(), trajectory, landing.orbit_over(model, table.span(), 60.0))
+    motions = (LANDER, ROVER, *orbits.values(), trajectory, landing.orbit_spanning(model, table.span(), 60.0))
     computed = ExactPredictor(model, table, motions, targets=names).compute()
     targets = {
         "lander": LunarPosition.from_selenographic(-51.88, 43.04, -2450.0, "ME_DE421"),

@@ -88,7 +88,7 @@ class AdjustableOrbit:
         changed = {name: of_forces[name] + float(x[k]) for k, name in enumerate(self.parameters, 6)}
         return replace(self, state=self.state + x[:6], forces=self.forces.with_parameters(changed))
 
-    def moved_to(self, epoch: Epochs, state: Floats | None = None) -> AdjustableOrbit:
+    def with_epoch(self, epoch: Epochs, state: Floats | None = None) -> AdjustableOrbit:
         """Return the orbit with its state, or another one, at another epoch, TDB; its span covers both epochs."""
         by_s = float(self.epoch.seconds_since(epoch)[0])
         if state is None:

@@ -254,7 +254,7 @@ def noise_of_series(
         threshold = -math.log(_SIGNIFICANCE_LEVEL / len(long_likelihoods))
         fitted = _fitted(likelihood, threshold)
         noise |= _averaged(likelihood) if not fitted and not significant else fitted
-    noise |= _taken_over(
+    noise |= _adopted_noise(
         points, long_likelihoods, {k: item for k, item in noise.items() if item.is_significant}
     )
     return {points.series[k].key: noise for k, noise in noise.items()}
@@ -331,7 +331,9 @@ class RestrictedLikelihood:
         counts = np.array([len(item.step_s) - item.absorbed for item in self.data])
         return np.where(self.points.squares[self.indices] > 0.0, counts, 0.0)
 
-    def at(self, tau_s: Floats, ratio: Floats, part: Floats | None = None) -> tuple[Floats, Floats, Floats]:
+    def evaluate(
+        self, tau_s: Floats, ratio: Floats, part: Floats | None = None
+    ) -> tuple[Floats, Floats, Floats]:
         """Log likelihoods of each and variances w, (s, cells), and log likelihoods of all together, (cells,)."""
         # Cells are shapes by ratios: processes of one correlation time, or of several (k, p) with parts of the
         # variance. White noise is a last cell.
@@ -391,7 +393,7 @@ def mean_correlation(width_s: float, tau_s: Floats) -> Floats:
     return np.asarray(2.0 * (x - 1.0 + np.exp(-x)) / x**2)
 
 
-def _taken_over(
+def _adopted_noise(
     points: Points, likelihoods: Sequence[RestrictedLikelihood], estimates: dict[int, SeriesNoise]
 ) -> dict[int, SeriesNoise]:
     """Noise of series too short to show theirs, the mean of their kind.
@@ -416,7 +418,7 @@ def _taken_over(
         if is_short.any():
             short_series = likelihood.select(is_short)
             mean = means[kind_of[int(short_series.indices[0])]]
-            log, _, _ = short_series.at(np.array([mean.correlation_time_s]), np.array([mean.ratio]))
+            log, _, _ = short_series.evaluate(np.array([mean.correlation_time_s]), np.array([mean.ratio]))
             white |= set(short_series.indices[log[:, 0] <= -_LOG_BAYES_FACTOR_WHITE].tolist())
     return {k: means[kind] for k, kind in kind_of.items() if k not in white}
 
@@ -466,9 +468,9 @@ def _averaged(likelihood: RestrictedLikelihood) -> dict[int, SeriesNoise]:
     points, indices = likelihood.points, likelihood.indices
     if _observations_per(_TYPICAL_TAU_S, points, indices) < _MIN_OBSERVATIONS_PER_TAU:
         return {}
-    tau_s = _tried_taus_s(points, indices)[::_COARSE_TAU_STEP]
+    tau_s = _trial_taus_s(points, indices)[::_COARSE_TAU_STEP]
     ratios = RATIOS[RATIOS > _MIN_AVERAGED_RATIO][::_AVERAGED_RATIO_STEP]
-    _, white, joint = likelihood.at(tau_s, ratios)
+    _, white, joint = likelihood.evaluate(tau_s, ratios)
     log_density = np.repeat(_log_density_of_tau(likelihood, tau_s), len(ratios))
     joint = joint + log_density
     if np.exp(joint).sum() < np.exp(log_density).sum():  # Bayes factor below one
@@ -482,9 +484,9 @@ def _fitted(likelihood: RestrictedLikelihood, threshold: float) -> dict[int, Ser
     from scipy.linalg import block_diag
 
     points, indices = likelihood.points, likelihood.indices
-    tau_s = _tried_taus_s(points, indices)
+    tau_s = _trial_taus_s(points, indices)
     coarse_taus_s, coarse_ratios = tau_s[::_COARSE_TAU_STEP], RATIOS[::_COARSE_RATIO_STEP]
-    _, _, joint = likelihood.at(coarse_taus_s, coarse_ratios)
+    _, _, joint = likelihood.evaluate(coarse_taus_s, coarse_ratios)
     if joint.max() < 0.5 * threshold - 1.0:
         return {}
     best = int(joint.argmax())
@@ -505,7 +507,7 @@ def _fitted(likelihood: RestrictedLikelihood, threshold: float) -> dict[int, Ser
     if _observations_per(best_tau_s, points, indices) < _MIN_OBSERVATIONS_PER_TAU:
         odds = -math.inf
     tau_s, density, ratio, flicker_ratio = tau_s[taus], density[taus], RATIOS[ratios], RATIOS[wider]
-    tried = [likelihood.at(tau_s, ratio), likelihood.at(taus_of_flicker_s, flicker_ratio, part)]
+    tried = [likelihood.evaluate(tau_s, ratio), likelihood.evaluate(taus_of_flicker_s, flicker_ratio, part)]
     _, white, joint = (np.concatenate(arrays, axis=-1) for arrays in zip(*tried, strict=True))
     count = len(tau_s) * len(ratio)
     if odds == -math.inf:
@@ -531,7 +533,7 @@ def _flicker_shape(points: Points, indices: NDArray[np.intp], least_s: float) ->
     return tau_s[None], np.full((1, p), 1.0 / p)
 
 
-def _tried_taus_s(points: Points, indices: NDArray[np.intp]) -> Floats:
+def _trial_taus_s(points: Points, indices: NDArray[np.intp]) -> Floats:
     """Correlation times that are tried for a group, s, from a step to half the longest span."""
     steps_s = [points.step_s[points.of(k)] for k in indices]
     least_s = min(

@@ -106,7 +106,7 @@ class Hypotheses:
         fit, used, readmitted = (
             edited.fit,
             edited.fit.used.copy(),
-            tuple(_most_of_series(edited, order, runs)),
+            tuple(_majority_runs(edited, order, runs)),
         )
         for rows in readmitted:
             used[rows] = True
@@ -242,7 +242,7 @@ class Hypotheses:
             items = [self.candidates.parameters.parameters[index] for index in indices]
             for index, item in zip(indices, items, strict=True):
                 name = f"{kind}.{owner(item)}".rstrip(".")
-                yield _held_at_zero(name, self.problem.candidate_columns([index]), item)
+                yield _fixed_parameter_hypothesis(name, self.problem.candidate_columns([index]), item)
             if len(items) == 1 and len(types) == 1:
                 continue
             of_types = dict[str, Floats]()
@@ -252,13 +252,15 @@ class Hypotheses:
                 if columns.any():
                     of_types[name] = columns.sum(axis=1, keepdims=True)
             if of_types and len(items) > 1:
-                yield _held_at_zero(f"{kind}.{ALL}", sum(of_types.values(), np.zeros((1, 1))), items[0])
+                yield _fixed_parameter_hypothesis(
+                    f"{kind}.{ALL}", sum(of_types.values(), np.zeros((1, 1))), items[0]
+                )
             if len(of_types) > 1:
                 for name, columns in of_types.items():
-                    yield _held_at_zero(f"{kind}.{name}", columns, items[0])
+                    yield _fixed_parameter_hypothesis(f"{kind}.{name}", columns, items[0])
 
 
-def _most_of_series(edited: EditedFit, order: SeriesOrder, runs: Iterable[Rows]) -> Iterator[Rows]:
+def _majority_runs(edited: EditedFit, order: SeriesOrder, runs: Iterable[Rows]) -> Iterator[Rows]:
     """Yield the runs of outliers of series in which they are the majority of the usable observations."""
     usable = np.bincount(order.code[edited.initial_status.are(USED)], minlength=len(order.series))
     runs = list(runs)
@@ -271,7 +273,7 @@ def _most_of_series(edited: EditedFit, order: SeriesOrder, runs: Iterable[Rows])
             yield rows
 
 
-def _held_at_zero(name: str, columns: Floats, item: Parameter) -> Hypothesis:
+def _fixed_parameter_hypothesis(name: str, columns: Floats, item: Parameter) -> Hypothesis:
     return Hypothesis(Family.PARAMETER, "parameter", name, columns, np.array([item.prior_sigma]), item.unit)
 
 

@@ -155,7 +155,7 @@ def split(fit: FitResult, order: SeriesOrder, groups: Labels, added_m: Mapping[s
     """
     # Each group is of whole series of one type and has an additive component, m. Without one it is divided only where
     # the noisier part is noisier than stated. The chance allows for all that are compared.
-    squares, counts = _of_batches(fit, order)
+    squares, counts = _batch_sums(fit, order)
     candidates = list(_candidates(order, groups, np.flatnonzero(counts.any(axis=1))))
     if not candidates:
         return None
@@ -208,7 +208,7 @@ def _candidates(
         yield name, np.stack([is_part, is_present & (group_of == group) & ~is_part])
 
 
-def _of_batches(fit: FitResult, order: SeriesOrder) -> tuple[Floats, Floats]:
+def _batch_sums(fit: FitResult, order: SeriesOrder) -> tuple[Floats, Floats]:
     """Return sums of squares over the sigmas, and numbers of used observations, by series and tenth of it in time."""
     code = order.code[order.order]
     count = np.bincount(code)

@@ -252,7 +252,7 @@ def _combinations(order: SeriesOrder, blocks: Blocks) -> Iterator[tuple[list[Ser
         part = np.cumsum(np.diff(first_m, prepend=-np.inf) > _SIGMA_RTOL * first_m)
         # Epochs of other covariances are brought to the same combinations in the same way.
         root = (axes / axes_m[:, None, :]) @ np.swapaxes(axes, 1, 2)
-        roots = _chosen_axes(axes[covariance_index[0]], part).T @ root
+        roots = _stable_principal_axes(axes[covariance_index[0]], part).T @ root
         series = [
             Series(
                 f"{kind} {links} {j}",
@@ -266,7 +266,7 @@ def _combinations(order: SeriesOrder, blocks: Blocks) -> Iterator[tuple[list[Ser
         yield series, Blocks(blocks.rows[members][:, sort], covariance_index, roots, axes_m)
 
 
-def _chosen_axes(axes: Floats, part: NDArray[np.intp]) -> Floats:
+def _stable_principal_axes(axes: Floats, part: NDArray[np.intp]) -> Floats:
     """Principal axes (k, k) in columns, of which those of one sigma, in one part, are not left to rounding."""
     # Any rotation of them is as good, but noise is sought along each, so another one gives other sigmas. One after the
     # other takes all that is left in the part of the next observation, so an error of the first is in one of them.

@@ -79,7 +79,7 @@ def assess_time_correlation(
     series = independent_series(order, fit.noise, fit.used) if series is None else series
     q = root.shape[1]
     points = points_of(series, rows_of(fit), root)
-    noise = noise_of_series(*_before_considering(fit, points), significant=False)
+    noise = noise_of_series(*_without_considered(fit, points), significant=False)
     if not noise:
         return uncorrelated
     added = np.zeros((q, q))
@@ -102,10 +102,10 @@ def assess_time_correlation(
             process.share,
         )
     noise = {item.key: noise[item.key] for item in points.series if item.key in noise}
-    return TimeCorrelation(tuple(correlations.values()), in_parameters(added, fit), noise)
+    return TimeCorrelation(tuple(correlations.values()), in_parameter_units(added, fit), noise)
 
 
-def _before_considering(fit: FitResult, points: Points) -> tuple[Points, Floats]:
+def _without_considered(fit: FitResult, points: Points) -> tuple[Points, Floats]:
     """Points with considered parameters at their a-priori values and partials by :func:`mixed_units`, and sigmas."""
     root = fit.factor.root_covariance()
     units, width = mixed_units(fit)
@@ -173,7 +173,7 @@ def rows_of(fit: FitResult) -> RowsOf:
     return values
 
 
-def in_parameters(added: Floats, fit: FitResult) -> Floats:
+def in_parameter_units(added: Floats, fit: FitResult) -> Floats:
     """Addition to the covariance of parameters of unit formal covariance in the parameters themselves, (p, p)."""
     # A direction in which the errors happen to cancel keeps its white sigma; parameters that are lost have none.
     root, free = fit.factor.root_covariance(), fit.parameters.free
@@ -238,7 +238,7 @@ def _with_covariances(fit: FitResult, noise: CorrelatedWhitener, correlation: Ti
             added += products - process.explained_variance * gram(columns, columns)
     unit = np.eye(len(directions)) + directions @ (unit - np.eye(len(unit))) @ directions.T
     fit = replace(fit, covariance=covariance_of(fit.factor, fit.parameters, unit))
-    added_covariance = in_parameters(directions @ added @ directions.T, fit)
+    added_covariance = in_parameter_units(directions @ added @ directions.T, fit)
     return replace(fit, time_correlation=replace(correlation, added_covariance=added_covariance))
 
 

@@ -188,7 +188,9 @@ def _wanted_m(
             # The combinations of counts depend on what is added
             squares = partial(_squares_of, fit, stated, members)
             residual_m = fit.residual_m[members]
-            wanted_m[k] = _enough_m(squares, residual_m, dof, probability, precision=0.1 * _SETTLED_FRACTION)
+            wanted_m[k] = _sufficient_sigma_m(
+                squares, residual_m, dof, probability, precision=0.1 * _SETTLED_FRACTION
+            )
         else:
             parts = whitener.whitened(column(fit.residual_m))
             residual_m = sigma_m * np.concatenate([np.zeros(0), *(part[:, 0] for part in parts)])
@@ -231,10 +233,10 @@ def additive_sigma_m(
     def squares(added_m: float) -> float:
         return float((squares_m2 / (variances_m2 + added_m**2)).sum())
 
-    return _enough_m(squares, residual_m, dof, probability)
+    return _sufficient_sigma_m(squares, residual_m, dof, probability)
 
 
-def _enough_m(
+def _sufficient_sigma_m(
     squares: Callable[[float], float],
     residual_m: Floats,
     dof: float,

@@ -66,7 +66,7 @@ def fit_homography(
         if used.sum() < _MIN_POINTS:
             raise InputError(f"expected four consistent tie points or more, got {used.sum()} of {len(start)}")
         normalized = transformed(normal @ matrix, start[used])
-        partials = by_correction(
+        partials = correction_partials(
             normalized, np.broadcast_to(np.eye(2) / normal[0, 0], (len(normalized), 2, 2))
         )
         information = np.einsum("nik,nij,njl->kl", partials, weights[used], partials)
@@ -106,7 +106,7 @@ def normalization(points: Floats) -> Floats:
     )
 
 
-def by_correction(normalized: Floats, by_normalized: Floats) -> Floats:
+def correction_partials(normalized: Floats, by_normalized: Floats) -> Floats:
     """Return partial derivatives by the eight elements of a correction from those by normalized points, (n, 2, 2)."""
     point = normalized.T
     partials = np.empty((2, 8, len(normalized)))
@@ -145,7 +145,7 @@ def _scaled(matrix: Floats) -> Floats:
     return np.asarray(matrix / matrix[2, 2])
 
 
-def _by_elements(row: Floats, image: Floats) -> Floats:
+def _element_partials(row: Floats, image: Floats) -> Floats:
     """Return partial derivatives, (n, 2, 9), of transformed points by the elements of the matrix."""
     zero = np.zeros_like(row)
     first = np.concatenate([row, zero, -image[:, :1] * row], axis=1)
@@ -164,6 +164,6 @@ def _direct(start: Floats, end: Floats) -> Floats:
     """Solve the direct linear transformation in normalized coordinates (Hartley and Zisserman 2004, algorithm 4.2)."""
     start_normal, end_normal = normalization(start), normalization(end)
     rows = np.insert(transformed(start_normal, start), 2, 1.0, axis=1)
-    equations = _by_elements(rows, transformed(end_normal, end))
+    equations = _element_partials(rows, transformed(end_normal, end))
     matrix = np.linalg.svd(equations.reshape(-1, 9))[2][-1].reshape(3, 3)
     return np.asarray(np.linalg.inv(end_normal) @ matrix @ start_normal)

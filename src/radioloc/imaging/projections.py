@@ -28,8 +28,8 @@ from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.errors import InputError
 from radioloc.imaging.homography import (
     Homography,
-    by_correction,
     corrected,
+    correction_partials,
     of_correction,
     of_elements,
     transformed,
@@ -87,7 +87,7 @@ class Homographies:
         by_place = _dehomogenized_partials(ahead, matrix[:, :, :2])
         by_normalized = by_place @ np.linalg.inv(normals[:, :2, :2])[image]
         normalized = _applied(normals[image, :2], place)
-        return Projected(_dehomogenized(ahead), by_place, by_correction(normalized, by_normalized))
+        return Projected(_dehomogenized(ahead), by_place, correction_partials(normalized, by_normalized))
 
     def covers(self, places_m: Floats) -> NDArray[np.bool_]:
         """Return True for every place."""

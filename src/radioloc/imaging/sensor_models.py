@@ -90,7 +90,9 @@ class FrameModel:
     def project(self, points_m: ArrayLike) -> ImagePoints:
         """Project points, shape (n, 3), to pixels."""
         points = as_points(points_m, 3, "points_m")
-        return ImagePoints(*self.camera.pixels(_in_camera(*self.orientation.poses(points[:, 0]), points)))
+        return ImagePoints(
+            *self.camera.pixels(_to_camera_axes(*self.orientation.poses(points[:, 0]), points))
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -157,7 +159,7 @@ class LineScanModel:
         """Project points, shape (n, 3), to pixels, by the time at which the detector's line passes each point."""
         points = as_points(points_m, 3, "points_m")
         time_s, converged = self._crossing_times(points)
-        on_detector, visible = self.camera.pixels(_in_camera(*self.orientation.poses(time_s), points))
+        on_detector, visible = self.camera.pixels(_to_camera_axes(*self.orientation.poses(time_s), points))
         pixels = np.stack([on_detector[:, 0], self.lines_at(time_s)[0]], axis=-1)
         return ImagePoints(pixels, visible & converged)
 
@@ -232,7 +234,7 @@ class LineScanModel:
 
     def _detector_offsets(self, camera: Camera, time_s: Floats, points: Floats) -> Floats:
         """Return distances of points from the detector's line on the focal plane, lines."""
-        return camera.pixels(_in_camera(*self.orientation.poses(time_s), points))[0][:, 1]
+        return camera.pixels(_to_camera_axes(*self.orientation.poses(time_s), points))[0][:, 1]
 
 
 SensorModel = FrameModel | LineScanModel
@@ -262,6 +264,6 @@ def _ray_partials(
     return RayPartials(origins_by_pixel, across @ by_pixel, by_angles)
 
 
-def _in_camera(position: Floats, rotation: Floats, points: Floats) -> Floats:
+def _to_camera_axes(position: Floats, rotation: Floats, points: Floats) -> Floats:
     """Return points in the camera's axes."""
     return vectors.rotated(np.swapaxes(rotation, 1, 2), points - position)

@@ -44,7 +44,7 @@ def brightness_of_slopes(by_east: ArrayLike, by_north: ArrayLike, sun: Floats) -
     return lunar_lambert(cos_incidence, cos_emission, math.acos(sun[2]))
 
 
-def in_bytes(brightness: ArrayLike, sun: Floats, noise: ArrayLike = 0.0) -> NDArray[np.uint8]:
+def to_eight_bits(brightness: ArrayLike, sun: Floats, noise: ArrayLike = 0.0) -> NDArray[np.uint8]:
     """Return the brightness in eight bits, with level ground at 110."""
     level = float(lunar_lambert(sun[2], 1.0, math.acos(sun[2])))
     grey = 110.0 / level * np.asarray(brightness) + np.asarray(noise)
@@ -86,7 +86,7 @@ def write_shaded_map(
             to_px = np.linalg.inv(to_m)
             by_east, by_north = (by_sample * to_px[0, k] + by_line * to_px[1, k] for k in (0, 1))
             bright = brightness_of_slopes(by_east, by_north, plane.axes() @ sun_me)
-            band = np.maximum(in_bytes(bright, sun), _BLANK + 1)
+            band = np.maximum(to_eight_bits(bright, sun), _BLANK + 1)
             band = np.where(np.isfinite(heights[1:-1, 1:-1]), band, _BLANK).astype(np.uint8)
             file.write(band, 1, window=window)
 

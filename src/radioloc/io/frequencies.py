@@ -131,7 +131,7 @@ def require_ratio(turnaround: tuple[int, int] | None) -> None:
         raise InputError(f"turnaround = {turnaround!r}; give two whole numbers such as (880, 749)")
 
 
-def agreement_on(path: str | Path, agreements: Iterable[FrequencyAgreement]) -> FrequencyAgreement | None:
+def agreement_for(path: str | Path, agreements: Iterable[FrequencyAgreement]) -> FrequencyAgreement | None:
     """Return the first agreement that matches a file."""
     matching = (
         a for a in agreements if a.files is None or any(PurePath(path).match(name) for name in a.files)
@@ -176,7 +176,7 @@ def _observations(
         epoch.jd[rows], epoch.fraction[rows] = counted.jd, counted.fraction
     received_hz = np.array(hz)
     ends, station = unique_items(stations)
-    agreement = agreement_on(path, agreements)
+    agreement = agreement_for(path, agreements)
     if agreement is None:
         problem = "received frequencies need the transmitted one; give transmit_hz and sigma_hz under"
         raise FileFormatError(path, f"{problem} [[observations.frequencies]] (FrequencyAgreement in Python)")

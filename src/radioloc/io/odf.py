@@ -112,7 +112,7 @@ def read_odf(
         leave_out(odf.orbit["type"] == code, f"of type {code} ({TYPES[code]}), which is not modelled")
     three_way = odf.orbit["transmitter"] != odf.orbit["receiver"]
     leave_out((odf.orbit["type"] == _RANGE) & three_way, "three-way ranges, which are not modelled")
-    leave_out(_of_other_receivers(odf.orbit, rows), "of another receiver of the station at the same time")
+    leave_out(_repeated_channels(odf.orbit, rows), "of another receiver of the station at the same time")
     columns = _columns(odf, rows, sigma_m or {})
     fast = np.zeros(len(odf.orbit), dtype=bool)
     fast[rows] = abs(columns["value_m"]) > _MAX_RANGE_RATE_M_S * columns["count_s"]
@@ -141,7 +141,7 @@ def read_odf(
     return without_duplicates(observations)
 
 
-def _of_other_receivers(orbit: NDArray[np.void], rows: NDArray[np.intp]) -> NDArray[np.bool_]:
+def _repeated_channels(orbit: NDArray[np.void], rows: NDArray[np.intp]) -> NDArray[np.bool_]:
     """Return the mask of Doppler that repeats a record of another channel, but for the frequencies."""
     key = ["time_s", "time_ms", "type", "receiver", "transmitter", "spacecraft", "uplink", "downlink"]
     _, first, group = np.unique(orbit[rows][key], return_index=True, return_inverse=True)
@@ -232,7 +232,7 @@ def _ramps(odf: OdfFile, catalogue: StationCatalogue | None) -> Ramps:
     sent = odf.orbit[np.isin(odf.orbit["type"], (_TWO_WAY, _THREE_WAY, _RANGE)) & (odf.orbit["invalid"] == 0)]
     names = {number: _station(number, catalogue) for number in np.unique(ramps["station"]).tolist()}
 
-    def at_antenna(end: str) -> Epochs:
+    def antenna_epochs(end: str) -> Epochs:
         time_ns = _NS * ramps[f"{end}_s"] + ramps[f"{end}_ns"]
         for number in names:
             rows, records = ramps["station"] == number, sent[sent["transmitter"] == number]
@@ -247,8 +247,8 @@ def _ramps(odf: OdfFile, catalogue: StationCatalogue | None) -> Ramps:
     with in_file(odf.path):
         return Ramps.of(
             [names[number] for number in ramps["station"].tolist()],
-            at_antenna("start"),
-            at_antenna("stop"),
+            antenna_epochs("start"),
+            antenna_epochs("stop"),
             1e9 * ramps["frequency_ghz"] + ramps["frequency_hz"] + 1e-9 * ramps["frequency_nhz"],
             ramps["rate_hz_s"] + 1e-9 * ramps["rate_nhz_s"],
         )

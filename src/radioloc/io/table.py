@@ -275,14 +275,14 @@ def _columns(path: str | Path, header: list[str], text: bytes, line: NDArray[np.
 
     wrong: list[Any] = []
 
-    def pass_over(row: Any) -> str:
+    def skip_row(row: Any) -> str:
         wrong.append(row)
         return "skip"
 
     table = pyarrow.csv.read_csv(
         pyarrow.BufferReader(text),
         pyarrow.csv.ReadOptions(column_names=header, block_size=len(text) + 1, use_threads=False),
-        pyarrow.csv.ParseOptions(quote_char='"' if quoted else False, invalid_row_handler=pass_over),
+        pyarrow.csv.ParseOptions(quote_char='"' if quoted else False, invalid_row_handler=skip_row),
         pyarrow.csv.ConvertOptions(column_types=dict.fromkeys(header, pyarrow.string())),
     )
     for row in wrong[:1]:

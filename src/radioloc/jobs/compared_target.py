@@ -39,7 +39,7 @@ class ComparedTarget:
         return self.target.local_axes
 
     @property
-    def of_states(self) -> bool:
+    def compares_states(self) -> bool:
         """True if states of an orbit are compared, not a place."""
         return not self.target.has_place
 
@@ -52,7 +52,7 @@ class ComparedTarget:
 
     def at_h(self, part: ArcPart) -> list[float]:
         """Return the epochs of comparison from that of the orbit, h; NaN of a place."""
-        if not self.of_states:
+        if not self.compares_states:
             return [np.nan]
         return (self.epochs(part).seconds_since(self._true_orbit.epoch) / 3600.0).tolist()
 
@@ -76,7 +76,7 @@ class ComparedTarget:
         `x` are the true parameters, `drawn` the drawn errors with their `names`.
         """
         moved_m = self.drawn_moves(part, names) @ drawn
-        if not self.of_states:
+        if not self.compares_states:
             of_target = solution.of_target(self.target.name) if solution.targets else solution
             place_m, enu_pa = self._true_place(part, x)
             error = local_difference(of_target.position_pa_m, place_m, enu_pa)
@@ -88,7 +88,7 @@ class ComparedTarget:
 
     def drawn_moves(self, part: ArcPart, names: Sequence[str]) -> _Floats:
         """Return the changes of the truth by drawn errors, shape (q, d, k)."""
-        if not self.of_states:
+        if not self.compares_states:
             return np.array(
                 [[[name == error for name in names] for error in self.truth.position_errors]], dtype=float
             )
@@ -111,7 +111,7 @@ class ComparedTarget:
         model, reported = problem.model, problem.reported_count
         assert problem.estimate is not None
         count = 0 if suboptimal is None else len(suboptimal)
-        if not self.of_states:
+        if not self.compares_states:
             place_m, enu_pa = self._true_place(part, x)
             return Compared(
                 axes=self.axes,

@@ -29,7 +29,7 @@ from radioloc.jobs.problem import (
     require_position_or_orbit,
 )
 from radioloc.jobs.selection import arc_lengths
-from radioloc.jobs.simulated_targets import at_true_positions, planned_orbits, pointed_at
+from radioloc.jobs.simulated_targets import antenna_targets, planned_orbits, with_true_positions
 from radioloc.jobs.usability import usability
 from radioloc.labels import USED
 from radioloc.measurements.link import Link
@@ -195,10 +195,10 @@ def _scheduled(
     study: Study, scenario: Scenario, orbits: Mapping[str, AdjustableOrbit]
 ) -> tuple[Study, Predictor, dict[str, int], ObservationCovariance, list[str]]:
     """Return the study at the true position, its arc by the schedule, and the noise that the schedule states."""
-    study = at_true_positions(study, scenario)
+    study = with_true_positions(study, scenario)
     model = model_of(study)
     orbits = orbits or planned_orbits(study, scenario, model)
-    plan = scenario.schedule.plan(model, pointed_at(study, scenario, model, orbits))
+    plan = scenario.schedule.plan(model, antenna_targets(study, scenario, model, orbits))
     arc, left_out, rows = planned_arc(study, plan.observations, model, orbits)
     without_noise = [kind for kind in arc.observations.types() if kind not in scenario.noise.link]
     notes = [

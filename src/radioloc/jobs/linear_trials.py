@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.estimation.consider import moved_by
+from radioloc.estimation.consider import sensitivity_of
 from radioloc.estimation.editing import EditedFit
 from radioloc.estimation.linearization import LinearProblem
 from radioloc.estimation.series import SeriesOrder
@@ -133,7 +133,7 @@ class LinearTrials:
     def _rows(self, arc: LinearArc, edited: EditedFit, errors: _Floats) -> list[_Floats]:
         fit, count = edited.fit, arc.compared[0].by_parameters.shape[-1]
         covariance = estimated_covariance(edited, arc.order)[0][:count, :count]
-        moved = moved_by(fit, lambda rows: arc.suboptimal_m[rows], arc.suboptimal_m.shape[1])[:count]
+        moved = sensitivity_of(fit, lambda rows: arc.suboptimal_m[rows], arc.suboptimal_m.shape[1])[:count]
         x, sigmas = fit.x[:count], np.sqrt(np.diag(covariance + moved @ moved.T))
         doubts = list(
             misfits(edited, np.hypot(arc.noise.sigma_m, np.linalg.norm(arc.suboptimal_m, axis=1)), arc.order)

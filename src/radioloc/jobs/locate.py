@@ -25,7 +25,7 @@ from radioloc.estimation.variance_components import fit_with_variance_components
 from radioloc.jobs.mistakes import with_mistake
 from radioloc.jobs.notes import limitations_of, notes_of, provenance
 from radioloc.jobs.one_thread import on_one_blas_thread
-from radioloc.jobs.orbit_start import near_orbit
+from radioloc.jobs.orbit_start import initial_orbit
 from radioloc.jobs.preparation import known_positions, prepared_arc, with_model_of_caller
 from radioloc.jobs.problem import EstimationProblem, GravityErrorOrbits, orbit_states, with_weights
 from radioloc.jobs.station_doubts import coordinate_doubts
@@ -160,7 +160,7 @@ class _Fitted:
     @cached_property
     def elevation_deg(self) -> NDArray[np.float64]:
         """Lower of the stations' elevations, deg, shape (n,)."""
-        prediction = self.model.predictor.at(self.motions)
+        prediction = self.model.predictor.predict(self.motions)
         elevation_deg = np.empty(len(self.problem.arc.observations))
         for rows in blocks(self.model.predictor):
             elevation_deg[rows] = np.degrees(prediction.rows(rows).elevation_rad.min(axis=-1))
@@ -306,13 +306,13 @@ def _fit(
     observations = problem.arc.observations
     counts = PhaseCounts(observations.count_s, 1e-6 * observations.wavelength_um)
     usable, phase_reasons = status.are(USED), dict[int, str]()
-    start = near_orbit(model, problem.noise.sigma_m, usable)
+    start = initial_orbit(model, problem.noise.sigma_m, usable)
     if start is not None:
-        status = _visibility_at(model, start, status, usable)
+        status = _updated_visibility(model, start, status, usable)
     stochastic = None
     if problem.process_noise is not None:
         start = _with_points(problem, model.parameters.prior_values if start is None else start, status)
-        stochastic = StochasticProblem.about(model, problem.process_noise, start)
+        stochastic = StochasticProblem.linearized_about(model, problem.process_noise, start)
     # Positions with a prior of their own begin there, not where visibility was decided.
     decided_at = start if start is not None or estimate.position_priors else model.parameters.prior_values
     decision_count = 0
@@ -336,14 +336,14 @@ def _fit(
         used_faults = {row: reason for row, reason in faults.items() if edited.fit.used[row]}
         phase_reasons |= used_faults
         if stochastic is not None and edited.ended and not stochastic.is_linear(edited.fit):
-            stochastic, start = stochastic.about_fit(edited.fit), x
+            stochastic, start = stochastic.relinearized(edited.fit), x
             continue
         if used_faults:
             continue
         decided = status
         if edited.ended and decision_count < _MAX_VISIBILITY_DECISIONS and not _is_near(model, decided_at, x):
             decision_count, decided_at = decision_count + 1, x
-            decided = _visibility_at(model, x, status, edited.fit.used)
+            decided = _updated_visibility(model, x, status, edited.fit.used)
         if decided is status:
             return replace(edited, reasons=faults), stochastic
         status, start = decided, x
@@ -374,7 +374,7 @@ def _is_near(model: ObservationModel, decided_at: NDArray[np.float64] | None, x:
     return bool(np.abs(moved_m).max(initial=0.0) < _SAME_VISIBILITY_M)
 
 
-def _visibility_at(
+def _updated_visibility(
     model: ObservationModel, x: NDArray[np.float64], status: Labels, used: NDArray[np.bool_]
 ) -> Labels:
     """Decide anew at parameters x which observations can be used; return `status` itself where nothing changes.

@@ -201,7 +201,7 @@ class _Linear:
     @classmethod
     def of(cls, model: ObservationModel, x: Floats) -> _Linear:
         design, rows = model.linearize(x), np.arange(len(model.predictor.observations))
-        return cls(design.residual_m, design.partials(rows), design.at.rows(rows).usable)
+        return cls(design.residual_m, design.partials(rows), design.prediction.rows(rows).usable)
 
     def mixed(self, unchanged: _Linear, rows: NDArray[np.bool_]) -> _Linear:
         """Return the rows of this model in another one, (n,)."""

@@ -94,7 +94,7 @@ class StagedStart:
         return x
 
 
-def near_orbit(problem: ObservationModel, sigma_m: Floats, usable: NDArray[np.bool_]) -> Floats | None:
+def initial_orbit(problem: ObservationModel, sigma_m: Floats, usable: NDArray[np.bool_]) -> Floats | None:
     """Return parameters of an arc's problem near the estimate, or ``None`` if no orbit is estimated."""
     # Without it a fit of 36 hours from 1.9 km and 1.9 m/s off does not converge (tests/unit/jobs/test_orbit_study.py).
     values, is_changed = problem.parameters.prior_values.copy(), False
@@ -102,13 +102,13 @@ def near_orbit(problem: ObservationModel, sigma_m: Floats, usable: NDArray[np.bo
         start = StagedStart.of(problem, sigma_m, target)
         if start is not None and (usable & np.isfinite(start.away_s)).any():
             columns = problem.columns_of(target)
-            orbit = _near_apriori(start, usable & np.isfinite(start.away_s))
+            orbit = _fit_growing_arcs(start, usable & np.isfinite(start.away_s))
             values[columns] = problem.targets[target].solved(orbit, values[columns])
             is_changed = True
     return values if is_changed else None
 
 
-def _near_apriori(start: StagedStart, usable: NDArray[np.bool_]) -> Floats:
+def _fit_growing_arcs(start: StagedStart, usable: NDArray[np.bool_]) -> Floats:
     """Return the parameters of an orbit from fits of growing parts of an arc."""
     x, reach_s = start.apriori, start.first_reach_s(usable)
     while True:

@@ -65,7 +65,7 @@ def fitted_state(
         if loss > min_loss:
             # Too far: return and take a shorter step.
             shrink *= 0.3
-            x = _moved(best, shrink * step)
+            x = _with_rotated_orbit(best, shrink * step)
             continue
         gain, best, min_loss, spread = min_loss - loss, x, loss, spread_here
         if gain < _MIN_GAIN * loss and shrink == 1.0:
@@ -78,11 +78,11 @@ def fitted_state(
         right = np.concatenate([ratio * weight, np.zeros(len(free))])
         step = np.zeros(len(x))
         step[free] = sigmas * np.linalg.lstsq(stacked, right, rcond=None)[0]
-        x = _moved(best, step)
+        x = _with_rotated_orbit(best, step)
     return best, spread
 
 
-def _moved(x: Floats, step: Floats) -> Floats:
+def _with_rotated_orbit(x: Floats, step: Floats) -> Floats:
     """Return parameters after a step with rotations of the whole orbit, which Doppler determines worst."""
     moved = x + step
     (r, v), (dr, dv) = x[:6].reshape(2, 3), step[:6].reshape(2, 3)

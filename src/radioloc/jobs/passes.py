@@ -163,7 +163,7 @@ def _motion(record: TargetRecord, model: PhysicalModel, span_utc: Epochs) -> Tar
         return as_motion(record, model)
     if isinstance(record, TargetDescription):
         return record.target("", model).start
-    return TrajectoryMotion(record.orbit_over(model, span_utc, 0.0).nearest())
+    return TrajectoryMotion(record.orbit_spanning(model, span_utc, 0.0).nearest())
 
 
 def _planned(study: Study) -> tuple[list[str], str, str, Masks]:

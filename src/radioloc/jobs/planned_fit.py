@@ -73,7 +73,9 @@ class PlannedFit:
         parameters, used = problem.model.parameters, usable[part.rows]
         if problem.process_noise is None:
             return cls(part, used, orbits, parameters)
-        stochastic = StochasticProblem.about(problem.model, problem.process_noise, parameters.prior_values)
+        stochastic = StochasticProblem.linearized_about(
+            problem.model, problem.process_noise, parameters.prior_values
+        )
         process = IndependentAccelerations.of(stochastic)
         # Process noise stands for the errors of the gravity field.
         return cls(part, used, {}, ParameterSet([*parameters, *process.parameters]), process)

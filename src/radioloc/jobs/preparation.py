@@ -106,7 +106,7 @@ def _require_tracked(study: Study, arc: Predictor) -> None:
     """Refuse a position on a map of what is not tracked."""
     tracked = [name for k in np.unique(arc.observations.link) for name in arc.observations.links[k].targets]
     for place in study.observations.map_positions:
-        if place.known_place is not None or place.target is None:
+        if place.reference_position is not None or place.target is None:
             continue
         if canonical_target(place.target) not in map(canonical_target, tracked):
             raise InputError(

@@ -90,7 +90,7 @@ class Prepared:
             other_axes = [item.axes for item in self.targets if item.axes != target.axes]
             absent = {*base_columns(*other_axes)} - {*base_columns(target.axes)}
             columns = [column for column, name in enumerate(self.columns) if name not in absent]
-            at_h = tuple(cases[row][2] for row in rows) if target.of_states else ()
+            at_h = tuple(cases[row][2] for row in rows) if target.compares_states else ()
             result = MonteCarlo(
                 name=f"{self.study.name}, {target.truth.name}" if len(self.targets) > 1 else self.study.name,
                 hours=tuple(cases[row][0].hours for row in rows),
@@ -213,7 +213,7 @@ class Prepared:
         if longest.process_noise is not None:
             return None
         x = true_parameters(longest, self.targets)
-        computed_m = longest.arc.at(longest.model.motions(x)).value_m
+        computed_m = longest.arc.predict(longest.model.motions(x)).value_m
         usable = usability(longest.arc)[0].are(USED)
         orbits = longest.orbits_with_gravity_errors(x)
         arcs = [self._linear_arc(part, usable[part.rows], orbits) for part in self.parts]

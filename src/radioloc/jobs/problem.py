@@ -294,7 +294,7 @@ def _errors_of(kinds: Kinds, model: ObservationModel, x: NDArray[np.float64]) ->
         return None
     errors = replace(ObservationModel.of(model.predictor, (), kinds), reference=model.reference)
     motions = model.motions(x)
-    prediction, residual_m = model.predictor.at(motions), np.zeros(0)  # residuals are not asked for
+    prediction, residual_m = model.predictor.predict(motions), np.zeros(0)  # residuals are not asked for
     design = DesignMatrix(errors, prediction, motions, errors.parameters.prior_values, residual_m)
     return ConsideredErrors(errors.parameters, design.partials)
 

@@ -98,9 +98,9 @@ def selected(
             left_out[reason] = count
         is_kept = is_kept & mask
 
-    keep(_of_targets(observations, choice.targets, positions, sources, name), "other target")
-    keep(_of_stations(observations, choice.stations, catalogue), "other station")
-    keep(_of_types(observations, choice.types), "other type")
+    keep(_target_mask(observations, choice.targets, positions, sources, name), "other target")
+    keep(_station_mask(observations, choice.stations, catalogue), "other station")
+    keep(_type_mask(observations, choice.types), "other type")
     if len(observations):
         keep(_within_time(observations, is_kept, choice), "outside the time span")
     if not is_kept.any():
@@ -111,7 +111,7 @@ def selected(
     return is_kept, left_out
 
 
-def _of_targets(
+def _target_mask(
     observations: Observations,
     targets: tuple[str, ...] | None,
     positions: Collection[str],
@@ -152,7 +152,7 @@ def _of_targets(
     return np.array([names <= chosen for names in of_link], dtype=bool)[observations.link]
 
 
-def _of_types(observations: Observations, types: tuple[str, ...] | None) -> NDArray[np.bool_]:
+def _type_mask(observations: Observations, types: tuple[str, ...] | None) -> NDArray[np.bool_]:
     if types is None:
         return np.ones(len(observations), dtype=bool)
     if unknown := [name for name in types if name not in KINDS]:
@@ -160,7 +160,7 @@ def _of_types(observations: Observations, types: tuple[str, ...] | None) -> NDAr
     return np.isin(observations.kind, [KINDS.index(name) for name in types])
 
 
-def _of_stations(
+def _station_mask(
     observations: Observations, stations: tuple[str, ...] | None, catalogue: StationCatalogue
 ) -> NDArray[np.bool_]:
     if stations is None:

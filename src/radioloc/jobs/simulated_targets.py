@@ -25,7 +25,7 @@ def names_in_scenario(study: Study, scenario: Scenario) -> dict[str, str]:
     return {name: names[name] for name in study.all_targets}
 
 
-def at_true_positions(study: Study, scenario: Scenario) -> Study:
+def with_true_positions(study: Study, scenario: Scenario) -> Study:
     """Return the study with its targets at their true positions and states; forces are those of the fit."""
     targets = dict(study.all_targets)
     for name, simulated in names_in_scenario(study, scenario).items():
@@ -48,7 +48,7 @@ def planned_orbits(study: Study, scenario: Scenario, model: PhysicalModel) -> di
     }
 
 
-def pointed_at(
+def antenna_targets(
     study: Study, scenario: Scenario, model: PhysicalModel, orbits: Mapping[str, AdjustableOrbit]
 ) -> dict[str, Target]:
     """Return what antennas point at, by the names of targets in the observations."""

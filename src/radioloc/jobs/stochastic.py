@@ -19,7 +19,7 @@ from radioloc.dynamics.stochastic import (
     stochastic_forces,
 )
 from radioloc.errors import InputError
-from radioloc.estimation.consider import ConsideredErrors, moved_by
+from radioloc.estimation.consider import ConsideredErrors, sensitivity_of
 from radioloc.estimation.editing import EditedFit
 from radioloc.estimation.information_filter import InformationFilter
 from radioloc.estimation.least_squares import FitResult
@@ -49,7 +49,7 @@ class StochasticProblem:
     effects: StochasticEffects
 
     @classmethod
-    def about(
+    def linearized_about(
         cls, model: ObservationModel, noise: ProcessNoise, x: Floats, values: Chains | None = None
     ) -> StochasticProblem:
         """Linearize about the orbit of parameters x with accelerations, in their sigmas; by default without any."""
@@ -101,10 +101,10 @@ class StochasticProblem:
         )
         return cls(model, noise, replace(about_orbit, process=process), effects)
 
-    def about_fit(self, fit: FitResult) -> StochasticProblem:
+    def relinearized(self, fit: FitResult) -> StochasticProblem:
         """Return the problem about the orbit of a fit."""
         assert fit.smoothed is not None
-        return StochasticProblem.about(self.model, self.noise, fit.x, fit.smoothed.values)
+        return StochasticProblem.linearized_about(self.model, self.noise, fit.x, fit.smoothed.values)
 
     def is_linear(self, fit: FitResult) -> bool:
         """Return whether the orbit moves little by the accelerations of a fit, from the one that was integrated."""
@@ -129,7 +129,7 @@ class StochasticProblem:
         """Return the state of the smoothed orbit, with errors by interval where all is determined."""
         fit = fitted.fit
         assert isinstance(fit.whitening, InformationFilter)
-        problem = self.about_fit(fit)
+        problem = self.relinearized(fit)
         orbit, target = problem.with_process.orbit_at(fit.x), self.with_process.orbit_index
         assert orbit is not None
         assert target is not None
@@ -141,7 +141,7 @@ class StochasticProblem:
         if suboptimal is not None:
             # Their errors are those of the assumed values, which residuals have with the other sign.
             sigmas = suboptimal.parameters.prior_sigmas
-            moved = moved_by(fit, suboptimal.partials, len(sigmas))[free] * sigmas
+            moved = sensitivity_of(fit, suboptimal.partials, len(sigmas))[free] * sigmas
             joint = np.block([[joint + moved @ moved.T, -moved], [-moved.T, np.eye(len(sigmas))]])
 
         def partials(rows: NDArray[np.intp]) -> Floats:

@@ -24,7 +24,7 @@ _EARTH_ELEVATION_MARGIN_DEG = 1.0  # change of the Earth's elevation between two
 def usability(arc: Predictor, motions: Motions | None = None) -> tuple[Labels, NDArray[np.int8]]:
     """Return why observations cannot be used for motions, by default those of the arc, as text and by code."""
     motions = arc.motions if motions is None else motions
-    prediction, model, epoch = arc.at(motions), arc.model, arc.observations.epoch
+    prediction, model, epoch = arc.predict(motions), arc.model, arc.observations.epoch
     # The Moon hides spacecraft in the predictions themselves.
     earth_elevation = {
         k: partial(earth_elevation_rad, model.ephemeris, model.libration, point_pa_m=motion.position_pa_m)

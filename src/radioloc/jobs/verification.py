@@ -194,7 +194,7 @@ def _pairs(old: Any, new: Any, name: str = "", scale: float = 0.0) -> Iterator[P
                 yield from _pairs(old.get(key), new.get(key), place, _scale(key, old, scale))
     elif isinstance(old, list) and isinstance(new, list):
         # Rows with names are paired by name, others by index.
-        old_rows, new_rows = (_by_name(rows) for rows in (old, new))
+        old_rows, new_rows = (_rows_by_name(rows) for rows in (old, new))
         largest = max((abs(item) for item in old if _is_number(item)), default=scale)
         for key in dict.fromkeys([*old_rows, *new_rows]):
             yield from _pairs(old_rows.get(key), new_rows.get(key), f"{name}.{key}", max(scale, largest))
@@ -204,7 +204,7 @@ def _pairs(old: Any, new: Any, name: str = "", scale: float = 0.0) -> Iterator[P
         yield name, old, new, max(_TOLERANCE_SIGMAS * (scale or size), 1e-9 * size, floor)
 
 
-def _by_name(rows: list[Any]) -> dict[str, Any]:
+def _rows_by_name(rows: list[Any]) -> dict[str, Any]:
     names = [str(row.get("name", "")) if isinstance(row, Mapping) else "" for row in rows]
     if "" in names or len(set(names)) < len(names):
         names = [str(place) for place in range(len(rows))]

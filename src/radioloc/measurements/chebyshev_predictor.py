@@ -131,7 +131,7 @@ class ChebyshevPredictor(Predictor):
             self._plan(all_motions)
         return self.accuracy
 
-    def at(self, motions: MotionsLike | None = None) -> ChebyshevPrediction:
+    def predict(self, motions: MotionsLike | None = None) -> ChebyshevPrediction:
         """Predict values for points on the Moon, and partials of rows on request."""
         all_motions = self._given(motions)
         distances_m = np.linalg.norm(positions_pa_m(all_motions) - self._checked_pa_m, axis=-1)

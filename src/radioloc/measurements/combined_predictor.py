@@ -99,7 +99,7 @@ class CombinedPredictor(Predictor):
         """Mask of observations with predicted Earth orientation, shape (n,)."""
         return np.logical_or.reduceat(self.inner.predicted_eop, self.parts.first[:-1])
 
-    def at(self, motions: MotionsLike | None = None) -> CombinedPrediction:
+    def predict(self, motions: MotionsLike | None = None) -> CombinedPrediction:
         """Return the predictions for motions."""
         return CombinedPrediction(self, self._given(motions))
 
@@ -125,17 +125,19 @@ class CombinedPrediction:
 
     def __init__(self, predictor: CombinedPredictor, motions: Motions) -> None:
         self._n, self._parts, self._simple = len(predictor.observations), predictor.parts, predictor.inner
-        self._at = predictor.inner.at(motions)
+        self._prediction = predictor.inner.predict(motions)
 
     @cached_property
     def value_m(self) -> Floats:
         """Values of all observations, m, shape (n,)."""
-        return np.asarray(np.add.reduceat(self._at.value_m * self._parts.weight, self._parts.first[:-1]))
+        return np.asarray(
+            np.add.reduceat(self._prediction.value_m * self._parts.weight, self._parts.first[:-1])
+        )
 
     def rows(self, rows: Any) -> Computed:
         """Return values and partials of rows; elevations are the lowest of the parts, others of ends of the first."""
         simple, begin = self._parts.rows(np.arange(self._n)[rows])
-        inner, weight = self._at.rows(simple), self._parts.weight[simple]
+        inner, weight = self._prediction.rows(simple), self._parts.weight[simple]
         columns = {field.name: getattr(inner, field.name)[begin] for field in fields(Computed)}
         for name in ("value_m", "by_time_m_s", "by_transponder_delay_m_s"):
             columns[name] = np.add.reduceat(getattr(inner, name) * weight, begin)
@@ -155,6 +157,6 @@ class CombinedPrediction:
     ) -> Floats:
         """Combine the columns that a function returns for rows of the simple predictor, shape (m, ...)."""
         simple, begin = self._parts.rows(np.arange(self._n)[rows])
-        combined = columns(simple, self._at, self._simple)
+        combined = columns(simple, self._prediction, self._simple)
         weight = self._parts.weight[simple].reshape(-1, *[1] * (combined.ndim - 1))
         return np.asarray(np.add.reduceat(combined * weight, begin, axis=0))

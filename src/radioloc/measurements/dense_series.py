@@ -270,7 +270,7 @@ def polynomials(degree: NDArray[np.intp], at_nodes: Floats, places: Layout) -> t
     """Return coefficients of descending powers and of ascending Chebyshev polynomials, shapes (m, width, n)."""
     size = len(at_nodes)
     middle, series = np.empty((len(degree), size)), np.zeros((len(degree), size, MAX_COEFFICIENTS))
-    for n, of_degree, rows in _by_degree(degree):
+    for n, of_degree, rows in _segments_by_degree(degree):
         values = np.moveaxis(at_nodes[:, rows].reshape(size, -1, n + 1), 0, 1)
         # Differences from the value in the middle keep their digits in the sums.
         middle[of_degree] = centre = values[..., n // 2]
@@ -302,7 +302,7 @@ def compare(
     limits_rad = {0.0}.union(*(medium.limits_rad for medium in nodes.model.media))
     count_s = np.nan_to_num(checks.observations.count_s[::CHECK_POINT_COUNT])
     margin_rad = _MIN_MARGIN_RAD + _EARTH_ROTATION_RAD_S * count_s
-    for n, of_degree, rows in _by_degree(degree):
+    for n, of_degree, rows in _segments_by_degree(degree):
         selected = coefficients[of_degree]
         largest_deviation = np.abs(model[of_degree] - _evaluate(selected, check_points(n))).max(axis=-1)
         deviation[of_degree] = largest_deviation
@@ -333,7 +333,7 @@ def compare(
     return accepted, deviation
 
 
-def _by_degree(degree: NDArray[np.intp]) -> Iterator[tuple[int, NDArray[np.intp], NDArray[np.intp]]]:
+def _segments_by_degree(degree: NDArray[np.intp]) -> Iterator[tuple[int, NDArray[np.intp], NDArray[np.intp]]]:
     """Yield each degree, its segments and their nodes."""
     of_node = np.repeat(degree, degree + 1)
     for n in np.unique(degree):

@@ -96,7 +96,7 @@ class EquipmentDelays:
             stations[station] = delay
         return EquipmentDelays(self.transponder_s, stations)
 
-    def on_paths(
+    def delays_on_paths(
         self,
         stations: Sequence[str],
         station_index: NDArray[np.int32],

@@ -29,7 +29,7 @@ class ExactPredictor(PreparedPaths):
     of a one-way target reads TT; by default 0h UTC of the first day.
     """
 
-    def at(self, motions: MotionsLike | None = None) -> Computed:
+    def predict(self, motions: MotionsLike | None = None) -> Computed:
         """Predict all observations for motions; raise a ConvergenceError if light times do not converge."""
         self._set_motions(motions)
         path, target, views, drag = self._solve()
@@ -80,7 +80,7 @@ class ExactPredictor(PreparedPaths):
             status[self._integrated] = first_failure(status[self._integrated], status[n:])
         by_station, by_content, mean = np.zeros((n, 0, 3)), np.zeros((n, 0)), np.zeros((n, 0))
         if self.more_partials:
-            by_station = self._by_stations(path, by_delay)
+            by_station = self._station_partials(path, by_delay)
             by_content_m = np.where(by_delay == 0.0, 0.0, by_media * delay_by_content_m(views.leg))
             by_content = self._observed(by_content_m.reshape(2, -1).T)
             mean = self._observed(by_position_pa, mean=True)
@@ -96,7 +96,7 @@ class ExactPredictor(PreparedPaths):
             by_station_itrf=by_station,
             by_electron_content_m=by_content,
             mean_by_position_pa=mean,
-            by_motion=self._by_motion(path, by_position, observed_by_position_pa),
+            by_motion=self._motion_partials(path, by_position, observed_by_position_pa),
         )
 
     def light_path(
@@ -106,7 +106,7 @@ class ExactPredictor(PreparedPaths):
 
         Paths at the starts of count intervals follow those at the ends.
         """
-        self.at(motions)  # prepares the motions at the events
+        self.predict(motions)  # prepares the motions at the events
         n = len(self._tag)
         ends = rows_of(self._ends, slice(n)), rows_of(self._ends, slice(n, None))
         return self._solve()[0], *ends
@@ -134,7 +134,7 @@ class ExactPredictor(PreparedPaths):
         """Return TDB - TT at the geocentre near the first events, s."""
         return split_ends(self._ends.geocentric_tdb_minus_tt_at(stack_ends(offset_s)))[0]
 
-    def _by_motion(self, path: LightPath, by_position: Floats, by_position_pa: Floats) -> Floats:
+    def _motion_partials(self, path: LightPath, by_position: Floats, by_position_pa: Floats) -> Floats:
         """Return partials by the parameters of the motions, (n, p); `by_position_pa` is of observations, (n, 3)."""
         count = len(self.motions)
         if not self.trajectories:
@@ -156,7 +156,7 @@ class ExactPredictor(PreparedPaths):
             columns.append(self._observed(partials))
         return columns[0] if count == 1 else np.hstack(columns)
 
-    def _by_stations(self, path: LightPath, by_delay: Floats) -> Floats:
+    def _station_partials(self, path: LightPath, by_delay: Floats) -> Floats:
         """Return partials by the ITRF coordinates of both stations, shape (n, 2, 3)."""
         by_place = by_delay[:, None] * np.concatenate([-path.up_unit, path.down_unit])
         if self.model.has("tdb_tt"):

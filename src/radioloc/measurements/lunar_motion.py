@@ -56,7 +56,7 @@ class LunarMotion:
         """Return the motion of points by principal-axes coordinates, or offsets from spacecraft, (3,) or (n, 3), m."""
         pa_m = np.broadcast_to(lander_pa_m, self.earth_pa_m.shape)
         if self.craft is None or self.is_craft is None:
-            return self._on_the_ground(model, lander_pa_m)
+            return self._surface_motion(model, lander_pa_m)
         flying = MovingPoint(
             self.craft.offset_s,
             self.craft.position_m + rotated(self.rot_pa_to_icrf, pa_m),
@@ -66,14 +66,14 @@ class LunarMotion:
             return flying
         # The tide is undefined at the Moon's centre: rows of spacecraft have an arbitrary other place.
         mask = self.is_craft[:, None]
-        ground = self._on_the_ground(model, np.where(mask, [MEAN_LUNAR_RADIUS_M, 0.0, 0.0], pa_m))
+        ground = self._surface_motion(model, np.where(mask, [MEAN_LUNAR_RADIUS_M, 0.0, 0.0], pa_m))
         return MovingPoint(
             self.centre.offset_s,
             np.where(mask, flying.position_m, ground.position_m),
             np.where(mask, flying.velocity_m_s, ground.velocity_m_s),
         )
 
-    def _on_the_ground(self, model: PhysicalModel, lander_pa_m: Floats) -> MovingPoint:
+    def _surface_motion(self, model: PhysicalModel, lander_pa_m: Floats) -> MovingPoint:
         """Return the motion of points fixed to the Moon, with the tide, in barycentric coordinates."""
         pa_m = np.broadcast_to(lander_pa_m, self.earth_pa_m.shape)
         if model.has("lunar_tide"):

@@ -499,7 +499,7 @@ def without_duplicates(observations: Observations, *, first_counts: bool = False
     instant = _instants_us(observations)
     if not (np.diff(np.sort(instant)) <= _MAX_ROUNDING_US).any():
         return observations
-    first, second = _near_pairs(instant)
+    first, second = _nearly_equal_pairs(instant)
     difference_us = np.abs(instant[second] - instant[first])
     # The time tag of one of two rounded copies is a multiple of a millisecond, that of the other is not.
     ticks = 86400e3 * observations.epoch.fraction * np.array([[1.0], [10.0]])
@@ -546,7 +546,7 @@ def _instants_us(observations: Observations) -> NDArray[np.int64]:
     return np.asarray(since_us + number * (since_us.max(initial=0) + 2 * _MAX_ROUNDING_US))
 
 
-def _near_pairs(instant_us: NDArray[np.int64]) -> NDArray[np.intp]:
+def _nearly_equal_pairs(instant_us: NDArray[np.int64]) -> NDArray[np.intp]:
     """Return pairs of rows with epochs that differ at most by rounding, the earlier row first, shape (2, m)."""
     order = np.argsort(instant_us, kind="stable")
     in_order, pairs = instant_us[order], []

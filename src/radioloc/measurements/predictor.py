@@ -196,7 +196,7 @@ class Predictor(ABC):
         return self.motions if motions is None else as_motions(motions, self.model, self.targets)
 
     @abstractmethod
-    def at(self, motions: MotionsLike | None = None) -> Prediction:
+    def predict(self, motions: MotionsLike | None = None) -> Prediction:
         """Predict all values, and partials of rows on request.
 
         Parameters
@@ -223,8 +223,8 @@ class Predictor(ABC):
         """Prepare the same observations with another model, for values only."""
 
     def compute(self, motions: MotionsLike | None = None) -> Computed:
-        """Predict all observations, with partials; the argument is that of :meth:`at`."""
-        return self.at(motions).rows(slice(None))
+        """Predict all observations, with partials; the argument is that of :meth:`predict`."""
+        return self.predict(motions).rows(slice(None))
 
     @accepts_quantities
     def with_values(self, value_m: Floats) -> Self:
@@ -240,13 +240,13 @@ class Predictor(ABC):
         :data:`~radioloc.measurements.terms.TERMS`.
         """
         all_motions = self._given(motions)
-        full_m = self.at(all_motions).value_m
+        full_m = self.predict(all_motions).value_m
         has_lander = any(motion.trajectory is None for motion in all_motions)
         table = {}
         for name in TERMS:
             if self.model.has(name) and (has_lander or name not in _LANDER_TERMS):
                 reduced = self.with_model(self.model.without(name), all_motions)
-                table[name] = full_m - reduced.at(all_motions).value_m
+                table[name] = full_m - reduced.predict(all_motions).value_m
         return table
 
 

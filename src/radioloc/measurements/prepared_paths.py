@@ -98,7 +98,7 @@ class PreparedPaths(Predictor):
         self._tag = np.where(differenced, TRANSMIT, sent).astype(np.int8)
         self._end = self._both_ends()
         self._media = prepared_media(model.media, self._end)
-        self._equipment = model.delays.on_paths(
+        self._equipment = model.delays.delays_on_paths(
             self.stations, self._station_index, self._tag, self._sign, model.terms
         )
         self._reference = Epochs.from_jd(
@@ -128,7 +128,7 @@ class PreparedPaths(Predictor):
         second = np.full(n, -1)
         second[self._integrated] = n + np.arange(len(self._integrated))
         paths = np.concatenate([rows, second[rows][second[rows] >= 0]])
-        part = self._of([self], self.observations.select(rows), paths)
+        part = self._combined([self], self.observations.select(rows), paths)
         part._limits = dict(self._limits)
         for k, motion in enumerate(self.motions):
             paths_of_motion = np.flatnonzero(part._motion_of == k)
@@ -147,12 +147,12 @@ class PreparedPaths(Predictor):
         # Paths of observations precede second paths of count intervals, in each arc and in the joined arc.
         second = np.concatenate([np.arange(len(arc._tag)) >= len(arc.observations) for arc in arcs])
         observations = Observations.concatenate([arc.observations for arc in arcs])
-        joined_arc = cls._of(arcs, observations, np.argsort(second, kind="stable"))
+        joined_arc = cls._combined(arcs, observations, np.argsort(second, kind="stable"))
         joined_arc._current_motions = ()  # trajectories of the arcs may differ
         return joined_arc
 
     @classmethod
-    def _of(cls, arcs: Sequence[Self], observations: Observations, paths: NDArray[np.intp]) -> Self:
+    def _combined(cls, arcs: Sequence[Self], observations: Observations, paths: NDArray[np.intp]) -> Self:
         """Return the arc of observations with paths of some arcs, by index in their concatenation."""
         out = copy.copy(arcs[0])
         out._set_observations(observations)
@@ -319,7 +319,7 @@ class PreparedPaths(Predictor):
         return replace(target, velocity_m_s=target.velocity_m_s * (self._target >= 0)[:, None])
 
     @property
-    def _at_infinity(self) -> Floats | None:
+    def _source_directions(self) -> Floats | None:
         """Directions of sources at infinity, zeros for targets; None without sources."""
         return None if (self._target >= 0).all() else self._source
 
@@ -333,7 +333,7 @@ class PreparedPaths(Predictor):
         tagged_s = np.choose(self._tag, (first_s, second_s, -clock_s)) + self._equipment.after_tag_s
         up, down = ends.split_ends()
         hold_s = self._equipment.hold_s
-        return Signal(up, target, down, self._tag, tagged_s, self._sign, hold_s, self._at_infinity)
+        return Signal(up, target, down, self._tag, tagged_s, self._sign, hold_s, self._source_directions)
 
     def _solve(self) -> tuple[LightPath, MovingPoint, LineOfSight, Floats]:
         """Return the path, the motion of the target, the views from both ends and the drag of the media."""
@@ -362,7 +362,7 @@ class PreparedPaths(Predictor):
         target_gcrs_m, _ = self._moon.geocentric(target, path.bounce_s)
         geocentric_bodies_m = {"earth": np.zeros_like(target_m), "moon": self._moon.moon_gcrs_m}
         ends_m, ends_gcrs_m = self._ends.point.position_at(path.ends_s), self._ends.gcrs_m
-        source = self._at_infinity
+        source = self._source_directions
         delay_m = delay_by_bodies_m(self._moon.bodies_m, target_m, ends_m, gm, source)
         return delay_m + delay_by_bodies_m(geocentric_bodies_m, target_gcrs_m, ends_gcrs_m, gm, source)
 

@@ -53,7 +53,7 @@ def read_sources(path: str | Path) -> dict[str, Floats]:
     rows = icrf or read_rows(path, COLUMNS, "a list of sources has lines of the ICRF, or it")
     for number, row in rows:
         try:
-            names, angles_rad = _of_icrf(row) if isinstance(row, str) else _of_table(row)
+            names, angles_rad = _icrf_source(row) if isinstance(row, str) else _table_source(row)
         except (ValueError, IndexError):
             text = row if isinstance(row, str) else ",".join(row.values())
             raise FileFormatError(
@@ -68,12 +68,12 @@ def read_sources(path: str | Path) -> dict[str, Floats]:
     return sources
 
 
-def _of_table(row: Mapping[str, str]) -> tuple[list[str], tuple[float, float]]:
+def _table_source(row: Mapping[str, str]) -> tuple[list[str], tuple[float, float]]:
     right_ascension_deg, declination_deg = (float(row[name]) for name in COLUMNS[1:])
     return [row["source"]], _checked(right_ascension_deg, declination_deg)
 
 
-def _of_icrf(line: str) -> tuple[list[str], tuple[float, float]]:
+def _icrf_source(line: str) -> tuple[list[str], tuple[float, float]]:
     _, designation, name, *words = line.split()
     numbers = words[1:] if words[0] == "D" else words
     hours, minutes, seconds, degrees, arcmin, arcsec = map(float, numbers[:6])

@@ -172,7 +172,9 @@ def _by_member(amount: Any, names: Collection[str]) -> dict[str, Any]:
     return {} if amount is None else dict.fromkeys(names, amount)
 
 
-def of_part(kind: ParameterKind, choice: ParameterChoice, part: Predictor) -> ParameterChoice:
+def without_unobserved_members(
+    kind: ParameterKind, choice: ParameterChoice, part: Predictor
+) -> ParameterChoice:
     """Return the choice without the members that have no observations in a part of the arc."""
     if not choice.is_given:
         return choice

@@ -28,7 +28,7 @@ def _moon_position(rows: ObservationRows) -> Floats:
         axes = rtn_axes(*model.ephemeris.geocentric("moon", tdb))
         return axes @ np.swapaxes(rot_icrf_to_pa(model.libration.angles(tdb)[0]), -1, -2)
 
-    return rows.by_displacement(axes_pa)[:, None, :]
+    return rows.displacement_partials(axes_pa)[:, None, :]
 
 
 def _libration(rows: ObservationRows) -> Floats:
@@ -60,7 +60,7 @@ def _love_numbers(rows: ObservationRows) -> Floats:
         ]
         return np.concatenate([np.array(of_place).swapaxes(0, 1) for of_place in of_places], axis=1)
 
-    columns = rows.by_displacement(displacements).reshape(len(rows), len(places), 2)
+    columns = rows.displacement_partials(displacements).reshape(len(rows), len(places), 2)
     return columns[np.arange(len(rows)), place_of_row.reshape(-1)][:, None, :]
 
 

@@ -35,7 +35,7 @@ class ObservationRows:
         Indices of the observations; all by default.
     reference : Epochs, optional
         Epoch at which rates contribute nothing, TAI, one; the middle of the arc by default.
-    at : Prediction, optional
+    prediction : Prediction, optional
         Prediction of the predictor; without it only the dependence of observations on parameters is known.
     motions : tuple of TargetMotion, optional
         Motions of the targets in the prediction.
@@ -46,11 +46,11 @@ class ObservationRows:
         predictor: Predictor,
         rows: NDArray[np.intp] | None = None,
         reference: Epochs | None = None,
-        at: Prediction | None = None,
+        prediction: Prediction | None = None,
         motions: Motions | None = None,
     ) -> None:
         self.predictor, self._reference = predictor, reference
-        self._at, self._motions = at, motions
+        self._prediction, self._motions = prediction, motions
         self.rows = np.arange(len(predictor.observations)) if rows is None else rows
         self._results: dict[RowFunction, Any] = {}
 
@@ -142,10 +142,10 @@ class ObservationRows:
     @cached_property
     def computed(self) -> Computed:
         """Values and partials that the model computes."""
-        assert self._at is not None  # for partials only
-        return self._at.rows(self.rows)
+        assert self._prediction is not None  # for partials only
+        return self._prediction.rows(self.rows)
 
-    def by_displacement(self, displacement_pa_m: Callable[[Epochs], Floats]) -> Floats:
+    def displacement_partials(self, displacement_pa_m: Callable[[Epochs], Floats]) -> Floats:
         """Return partials by displacements of the target in principal axes, shape (m, components).
 
         At k epochs, TDB, `displacement_pa_m` returns the displacement by a unit of each component, m, shape

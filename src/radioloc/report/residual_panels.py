@@ -81,12 +81,12 @@ def station_panels(residuals: Residuals) -> list[Panel]:
     """Group observations by station and by the way of the signal."""
     stations = residuals.stations
     return [
-        Panel(residuals, name, "", _by_way(residuals, np.flatnonzero(stations.are(name))))
+        Panel(residuals, name, "", _rows_by_way(residuals, np.flatnonzero(stations.are(name))))
         for name in stations.present()
     ]
 
 
-def _by_way(residuals: Residuals, rows: _Rows) -> dict[str, _Rows]:
+def _rows_by_way(residuals: Residuals, rows: _Rows) -> dict[str, _Rows]:
     """Return the rows of a station by the way of the signal, without names if the legend has no room for them."""
     codes = residuals.paths.codes[rows]
     present = np.unique(codes).tolist()

@@ -48,7 +48,7 @@ _REWEIGHTING_COUNT = 6
 _MAX_STEPS = 10
 
 
-def near_positions(
+def improved_positions(
     arc: Predictor, targets_pa: Mapping[str, LunarPosition], estimate: EstimateChoice
 ) -> dict[str, tuple[LunarPosition, float]]:
     """Return better positions of targets by name, principal axes, with the distance from the a-priori ones, m.
@@ -66,7 +66,7 @@ def near_positions(
             continue
         involved = np.array([len(targets_pa) == 1 or names == [name] for names in observed])
         rows = _sample(arc.observations, np.flatnonzero(involved[arc.observations.link]))
-        if len(rows) and (start := _near_position(arc.select(rows), apriori, estimate)) is not None:
+        if len(rows) and (start := _improved_position(arc.select(rows), apriori, estimate)) is not None:
             positions[name] = start
     single = {names[0] for names in observed if len(names) == 1}
     for name, partner in {pair for names in observed for pair in permutations(names, 2)}:
@@ -77,7 +77,7 @@ def near_positions(
     return positions
 
 
-def _near_position(
+def _improved_position(
     sample: Predictor, target_pa: LunarPosition, estimate: EstimateChoice
 ) -> tuple[LunarPosition, float] | None:
     """Return a better position than the a-priori one, with the distance between them, m, or ``None``."""
@@ -87,7 +87,7 @@ def _near_position(
     if isinstance(prior, HeightPrior):
         radius_m = MEAN_LUNAR_RADIUS_M + prior.height_m
     apriori_m = target_pa.xyz_m * (radius_m / np.linalg.norm(target_pa.xyz_m))
-    grid_m = radius_m * _near_side()
+    grid_m = radius_m * _near_side_directions()
     # The prepared predictor of a single target suffices for the test of its a-priori position.
     place_m, misfit, trials = apriori_m, linearized(apriori_m, prepared=not sample.targets), []
     if misfit.losses(apriori_m[None])[0][0] < _MAX_MEAN_LOSS * len(misfit):
@@ -171,7 +171,7 @@ def _sample(observations: Observations, rows: NDArray[np.intp]) -> NDArray[np.in
     return np.sort(np.concatenate(samples)) if samples else order
 
 
-def _near_side() -> Floats:
+def _near_side_directions() -> Floats:
     """Return unit vectors to the near side in principal axes, a spiral of equal areas, shape (n, 3)."""
     count = round(2.0 * _GRID_POINT_COUNT / (1.0 - _MIN_LIMB_COSINE))
     k = np.arange(count) + 0.5

@@ -28,7 +28,7 @@ from radioloc.results.result import Result
 from radioloc.search.completed_file import Change, completed_text, require_beside
 from radioloc.search.first_orbit import Candidate, first_orbits, is_ambiguous
 from radioloc.search.manoeuvres import Manoeuvre, find_manoeuvres
-from radioloc.search.near_side import near_positions
+from radioloc.search.near_side import improved_positions
 from radioloc.search.transmitters import TransmitterPass, compared_transmitters
 from radioloc.study.orbiter import Orbiter
 from radioloc.study.study import Study
@@ -185,7 +185,7 @@ def _with_positions(result: SearchResult, observations: Observations | None) -> 
     arc, _ = prepared_arc(study, observations)
     constants = arc.model.ephemeris.constants
     estimate = with_independent_clocks(study, study.estimate, arc)
-    better = near_positions(arc, targets_in_pa(study, arc.model), estimate)
+    better = improved_positions(arc, targets_in_pa(study, arc.model), estimate)
     names = {canonical_target(name): name for name in study.targets} or {"": ""}
     positions = {
         names[name]: NearSidePosition(names[name], place.to_axes("ME", constants), away_m)

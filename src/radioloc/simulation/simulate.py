@@ -81,7 +81,7 @@ class Simulated:
             *(line for target in self.targets for line in _described(target, len(self.targets) > 1)),
             f"seed {self.seed}, {int(self.is_outlier.sum())} outlier(s)",
             *(f"{name}: {_text(value)}" for name, value in _differences(self.truth)),
-            *(f"drawn {name}: {_text(value)}" for name, value in _by_kind(self.drawn).items()),
+            *(f"drawn {name}: {_text(value)}" for name, value in _errors_by_kind(self.drawn).items()),
             f"noise of station arrivals (VLBI): {_text(self.noise.vlbi_station)}",
             *(
                 [f"noise of the change of station arrivals (VLBI): {_text(self.noise.vlbi_station_rate)}"]
@@ -163,7 +163,7 @@ class StateAndForces(Protocol):
     def state(self) -> Floats:
         """Position, m, and velocity, m/s, relative to the Moon's centre, ICRF axes, shape (6,)."""
 
-    def orbit_over(
+    def orbit_spanning(
         self, model: PhysicalModel, utc: Epochs, count_s: float, parameters: tuple[str, ...] = ()
     ) -> AdjustableOrbit:
         """Return the orbit from one epoch to another, and beyond as far as count intervals need."""
@@ -217,8 +217,8 @@ class Scenario:
         The errors that a fit considers, `considered`, are drawn unless the scenario states some of their kind.
         """
         targets = tuple(self._target(name, record, model) for name, record in self.targets.items())
-        pointed_at = {item.name: direction_of(item.motion) for item in targets}
-        plan = self.schedule.plan(model, pointed_at)
+        antenna_targets = {item.name: direction_of(item.motion) for item in targets}
+        plan = self.schedule.plan(model, antenna_targets)
         kinds = (*self.truth.values, *self.truth_sigma.sigmas)
         drawing = considered if self.truth_sigma.considered else None
         motions = [item.motion for item in targets]
@@ -226,10 +226,10 @@ class Scenario:
             self.truth.model(model),
             plan.observations,
             motions,
-            targets=tuple(pointed_at) if len(targets) > 1 else (),
+            targets=tuple(antenna_targets) if len(targets) > 1 else (),
             more_partials=drawing is not None or any(PARAMETERS[name].more_partials for name in kinds),
         )
-        prediction = predictor.at()
+        prediction = predictor.predict()
         _require_usable(predictor, prediction)
         middle = _middle_utc(self.schedule)
         added_m, errors = fixed_errors(self.truth, predictor, prediction, targets, middle)
@@ -267,7 +267,7 @@ class Scenario:
     ) -> AdjustableOrbit:
         """Return an orbit over the sessions, with partials by some parameters of its forces."""
         counts_s = np.nan_to_num([session.count_s for session in self.schedule.sessions])
-        return target.orbit_over(model, self.schedule.span(), float(counts_s.max()), parameters)
+        return target.orbit_spanning(model, self.schedule.span(), float(counts_s.max()), parameters)
 
 
 def simulate(
@@ -367,7 +367,7 @@ def _differences(truth: Truth) -> list[tuple[str, Any]]:
     return errors + [(name, value) for name, value in settings if value]
 
 
-def _by_kind(drawn: Mapping[str, float]) -> dict[str, dict[str, float]]:
+def _errors_by_kind(drawn: Mapping[str, float]) -> dict[str, dict[str, float]]:
     """Return errors by kind of parameter and by member, to four digits."""
     kinds: dict[str, dict[str, float]] = {}
     for name, error in drawn.items():

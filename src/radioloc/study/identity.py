@@ -22,10 +22,10 @@ def spacecraft_doubts(study: Study, observations: Observations, model: PhysicalM
     """Return notes on identifiers that differ; :class:`InputError` for those that contradict each other."""
     links = (observations.links[k] for k in np.unique(observations.link))
     tracked = sorted({canonical_target(name) for link in links for name in link.targets} - {*model.sources})
-    return [*_of_target(study, tracked), *_of_calibrations(study, tracked, model)]
+    return [*_target_doubts(study, tracked), *_calibration_doubts(study, tracked, model)]
 
 
-def _of_target(study: Study, tracked: list[str]) -> Iterator[str]:
+def _target_doubts(study: Study, tracked: list[str]) -> Iterator[str]:
     """Compare name and NAIF code of ``[target]`` with the target of the tracking data."""
     confirmed = study.targets or study.observations.targets or study.observations.target_names
     name, body = study.target_name, getattr(study.target, "body", None)
@@ -51,7 +51,7 @@ def _of_target(study: Study, tracked: list[str]) -> Iterator[str]:
         yield f"the observations are of {target}, but [target] body is {body}; {advice}"
 
 
-def _of_calibrations(study: Study, tracked: list[str], model: PhysicalModel) -> Iterator[str]:
+def _calibration_doubts(study: Study, tracked: list[str], model: PhysicalModel) -> Iterator[str]:
     """Compare the spacecraft numbers of calibration cards with those of the tracking data (Deep Space Network)."""
     cards = model.media_calibrations
     body = getattr(study.target, "body", None)

@@ -85,7 +85,7 @@ class PlaceOnMap:
         self.read()
 
     @property
-    def known_place(self) -> LunarPosition | None:
+    def reference_position(self) -> LunarPosition | None:
         """Known position of a reflector or landmark."""
         if self.known_deg_m is None:
             return None
@@ -148,9 +148,9 @@ class MapPosition:
 
 def position_priors(places: Sequence[PlaceOnMap], targets: Sequence[str]) -> tuple[PositionPrior, ...]:
     """Combine positions on maps to one a-priori position of each target."""
-    items = [(_target(place, targets), place.known_place, place.read()) for place in places]
+    items = [(_target(place, targets), place.reference_position, place.read()) for place in places]
     _require_distinct([position for *_, position in items])
-    located = {position.map for _, known_place, position in items if known_place is None}
+    located = {position.map for _, reference_position, position in items if reference_position is None}
     for _, _, position in items:
         if position.map not in located:
             raise InputError(
@@ -162,7 +162,7 @@ def position_priors(places: Sequence[PlaceOnMap], targets: Sequence[str]) -> tup
 
 def _target(place: PlaceOnMap, targets: Sequence[str]) -> str:
     """Return the name of a target in the study; empty of known places, and of the only target without a name."""
-    if tuple(targets) == ("",) or place.known_place is not None:
+    if tuple(targets) == ("",) or place.reference_position is not None:
         return ""
     if place.target is None and len(targets) == 1:
         return targets[0]
@@ -195,17 +195,21 @@ def _require_distinct(positions: Sequence[MapPosition]) -> None:
 def _combined(items: Sequence[tuple[str, LunarPosition | None, MapPosition]]) -> tuple[PositionPrior, ...]:
     """Estimate the positions of all targets by least squares from positions on maps that share errors."""
     origins = {
-        target: position.place for target, known_place, position in reversed(items) if known_place is None
+        target: position.place
+        for target, reference_position, position in reversed(items)
+        if reference_position is None
     }
     targets = [target for target in dict.fromkeys(target for target, *_ in items) if target in origins]
     blocks = {target: slice(3 * k, 3 * k + 3) for k, target in enumerate(targets)}
     design = np.zeros((3 * len(items), 3 * len(targets)))
     offsets_m = np.zeros(3 * len(items))
-    for k, (target, known_place, position) in enumerate(items):
+    for k, (target, reference_position, position) in enumerate(items):
         rows = slice(3 * k, 3 * k + 3)
-        if known_place is None:
+        if reference_position is None:
             design[rows, blocks[target]] = np.eye(3)
-        offsets_m[rows] = local_difference(position.place.xyz_m, (known_place or origins[target]).xyz_m).enu_m
+        offsets_m[rows] = local_difference(
+            position.place.xyz_m, (reference_position or origins[target]).xyz_m
+        ).enu_m
     gain, total_m2, moved_by_m = _solved(design, [position for *_, position in items])
     moved_m = gain @ offsets_m
     return tuple(
@@ -218,8 +222,8 @@ def _combined(items: Sequence[tuple[str, LunarPosition | None, MapPosition]]) ->
             {name: effect_m[block] for name, effect_m in moved_by_m.items() if effect_m[block].any()},
             tuple(
                 key
-                for name, known_place, position in items
-                if name == target or known_place
+                for name, reference_position, position in items
+                if name == target or reference_position
                 for key in position.data
             ),
             {name: total_m2[block, columns] for name, columns in blocks.items() if name != target},

@@ -114,11 +114,11 @@ class Landing:
         ground, place_pa_m = Ground(model, self.epoch), self.place_pa_m(model)
         if place_pa_m is None:
             place_pa_m = ground.place_pa_m(self.landed(flight, model).state)
-        return flight.moved_to(self.epoch, ground.at_rest(place_pa_m))
+        return flight.with_epoch(self.epoch, ground.at_rest(place_pa_m))
 
     def landed(self, flight: AdjustableOrbit, model: PhysicalModel) -> AdjustableOrbit:
         """Return the a-priori orbit with its state at the touchdown, which an InputError requires near the ground."""
-        landed = flight.moved_to(self.epoch)
+        landed = flight.with_epoch(self.epoch)
         end_pa_m = Ground(model, self.epoch).place_pa_m(landed.state)
         height_m, place_pa_m = float(np.linalg.norm(end_pa_m)) - MEAN_LUNAR_RADIUS_M, self.place_pa_m(model)
         problem = ""
@@ -283,7 +283,7 @@ class Orbiter:
             )
         return self.landing.landed(flight, model)
 
-    def orbit_over(
+    def orbit_spanning(
         self, model: PhysicalModel, utc: Epochs | None, count_s: float, parameters: tuple[str, ...] = ()
     ) -> AdjustableOrbit:
         """Return the true orbit over a span of time tags; one that lands comes to rest at its place."""

@@ -29,7 +29,7 @@ from radioloc.measurements.link import canonical_target
 from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.terms import active_terms
 from radioloc.media.ionosphere import UniformTec
-from radioloc.parameters.choice import ParameterChoice, of_part, parameter_choices
+from radioloc.parameters.choice import ParameterChoice, parameter_choices, without_unobserved_members
 from radioloc.parameters.columns import PASS_GAP_H
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.plugins import DerivedNames
@@ -208,7 +208,7 @@ class EstimateChoice:
         """Return the choice for a part of an arc, without members that lack observations."""
         try:
             parameters = {
-                name: of_part(PARAMETERS[name], choice, part.simple)
+                name: without_unobserved_members(PARAMETERS[name], choice, part.simple)
                 for name, choice in self.parameters.items()
             }
         except InputError as error:

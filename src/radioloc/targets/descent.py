@@ -102,7 +102,7 @@ class Descent(OnOrbit):
         moved_at_touchdown = by_x @ sensitivity
         independent = by_x @ covariance @ by_x.T - moved_at_touchdown @ moved_at_touchdown.T
         to_epoch = np.vstack([landed.partials(self.epoch)[0], np.eye(len(independent))[6:]])
-        flight = landed.moved_to(self.epoch)
+        flight = landed.with_epoch(self.epoch)
         until_s = float(landed.epoch.seconds_since(self.epoch)[0]) - _BEFORE_S
         flight = replace(flight, span_s=(flight.span_s[0], until_s))
         moved, disturbed = to_epoch @ moved_at_touchdown, None

@@ -149,11 +149,11 @@ class ObservationModel:
     def linearize(self, x: Floats) -> DesignMatrix:
         """Residuals of all observations, and the design matrix of those asked for, at parameters x."""
         motions = self.motions(x)
-        at = self.predictor.at(motions)
-        residual_m = self.predictor.observations.value_m - at.value_m
+        prediction = self.predictor.predict(motions)
+        residual_m = self.predictor.observations.value_m - prediction.value_m
         if self.process is not None:
             residual_m += self.process.effects_m(self.process.reference)
-        design = DesignMatrix(self, at, motions, x, residual_m)
+        design = DesignMatrix(self, prediction, motions, x, residual_m)
         first = self.first
         if x[first:].any():
             order = design.row_order()
@@ -174,7 +174,7 @@ class DesignMatrix:
     """An observation model linearized at parameters x, whose rows are computed when asked for."""
 
     model: ObservationModel
-    at: Prediction
+    prediction: Prediction
     motions: Motions
     x: Floats
     residual_m: Floats  # observed - computed, of an orbit without its stochastic accelerations
@@ -215,11 +215,11 @@ class DesignMatrix:
     def _partials(self, rows: Rows, targets: int, kinds: int) -> Floats:
         """Return partials by the first targets and kinds of parameter."""
         columns = partial(self._simple, first=targets, kinds=self.model.columns[:kinds])
-        if isinstance(self.at, CombinedPrediction):
-            return self.at.combine(rows, columns)
+        if isinstance(self.prediction, CombinedPrediction):
+            return self.prediction.combine(rows, columns)
         partials_by_link = self._partials_by_link() if kinds > self.model.estimated_kinds else None
         if partials_by_link is None:
-            return columns(rows, self.at, self.model.predictor)
+            return columns(rows, self.prediction, self.model.predictor)
         estimated = self._partials(rows, targets, self.model.estimated_kinds)
         out = np.zeros((estimated.shape[1] + partials_by_link.count, len(rows))).T
         out[:, : estimated.shape[1]] = estimated
@@ -228,14 +228,14 @@ class DesignMatrix:
 
     def _partials_by_link(self) -> PartialsByLink | None:
         """Return partials of a long arc by the considered parameters; None for short arcs and combined observations."""
-        model, combined = self.model, isinstance(self.at, CombinedPrediction)
+        model, combined = self.model, isinstance(self.prediction, CombinedPrediction)
         if not model.considered_kinds or combined or len(self.residual_m) < _MIN_KEPT_ROWS:
             return None
         if not model.partials_cache:
             kinds = model.columns[model.estimated_kinds :]
 
             def considered_partials(rows: Rows) -> Floats:
-                return self._simple(rows, self.at, model.predictor, first=0, kinds=kinds)
+                return self._simple(rows, self.prediction, model.predictor, first=0, kinds=kinds)
 
             model.partials_cache.append(
                 PartialsByLink.of(considered_partials, model.predictor.observations.link)
@@ -243,11 +243,11 @@ class DesignMatrix:
         return model.partials_cache[0]
 
     def _simple(
-        self, rows: Rows, at: Prediction, predictor: Predictor, first: int, kinds: Sequence[Columns]
+        self, rows: Rows, prediction: Prediction, predictor: Predictor, first: int, kinds: Sequence[Columns]
     ) -> Floats:
         """Return partials of observations that are not combined, by the first motions and some kinds of parameter."""
         model = self.model
-        part = ObservationRows(predictor, rows, model.reference, at, self.motions)
+        part = ObservationRows(predictor, rows, model.reference, prediction, self.motions)
         start = model.first if first else 0
         # Column by column in memory, as the factorization reads them.
         out = np.zeros((start + sum(map(len, kinds)), len(rows))).T

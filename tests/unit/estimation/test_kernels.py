@@ -49,7 +49,7 @@ def test_restricted_likelihoods_are_those_of_dense_algebra(case):
     """Two series with parameters in common: each by itself, and both together with the variances of each."""
     step_s, gain, columns = case
     data, ends = two_series(step_s, gain, columns), [slice(0, 90), slice(90, 150)]
-    log, white, joint_log = RestrictedLikelihood.of(data, np.arange(2), SIGMAS).at(TAU_S, RATIO)
+    log, white, joint_log = RestrictedLikelihood.of(data, np.arange(2), SIGMAS).evaluate(TAU_S, RATIO)
     effects = data.unit * SIGMAS
 
     def each(k, tau_s, ratio):
@@ -113,7 +113,7 @@ def test_restricted_likelihood_of_bins_is_that_of_their_observations(width_s):
         float((residual**2).sum()),
         width_s,
     )
-    result = RestrictedLikelihood.of(data, np.array([0]), 30.0).at(np.array([tau_s]), np.array([ratio]))
+    result = RestrictedLikelihood.of(data, np.array([0]), 30.0).evaluate(np.array([tau_s]), np.array([ratio]))
     mean = mean_correlation(width_s, np.array([tau_s]))[0]
     between = dense(np.full(40, 900.0), np.ones(40), tau_s, ratio * mean) - np.eye(40)
     contained = np.eye(each) - 1.0 / each

@@ -157,7 +157,7 @@ def test_partials_by_the_orbit_are_those_of_differences(model, forces, doppler):
     steps = np.array([30.0, 30.0, 30.0, 0.03, 0.03, 0.03, 5.0])
     for k, step in enumerate(steps):
         x = step * np.eye(7)[k]
-        later_m, earlier_m = (predictor.at(OrbitMotion(orbit, sign * x)).value_m for sign in (1.0, -1.0))
+        later_m, earlier_m = (predictor.predict(OrbitMotion(orbit, sign * x)).value_m for sign in (1.0, -1.0))
         change_m = later_m - earlier_m
         size = np.abs(by_orbit[:, k]).max()
         np.testing.assert_allclose(by_orbit[:, k] / size, change_m / (2.0 * step) / size, atol=2e-4)

@@ -69,7 +69,7 @@ def folder(tmp_path_factory):
     arc = prepare_predictor(
         model, requested, [FixedPoint(item) for item in places_m], "exact", targets=("lander", "rover")
     )
-    simulated = Observations.from_columns(value_m=arc.at().value_m, **columns)
+    simulated = Observations.from_columns(value_m=arc.predict().value_m, **columns)
     path = tmp_path_factory.mktemp("targets")
     write_observations(path / "table.csv", simulated)
     return path

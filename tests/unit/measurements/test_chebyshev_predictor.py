@@ -64,10 +64,10 @@ def assert_agree(arc, position_pa_m, count=150, seed=1, model=None):
     rows = np.random.default_rng(seed).permutation(len(arc.observations))[:count]
     part = arc.observations.select(rows)
     exact = ExactPredictor(model or arc.model, part, FixedPoint(position_pa_m)).compute()
-    interpolated = arc.at(FixedPoint(position_pa_m)).rows(rows)
+    interpolated = arc.predict(FixedPoint(position_pa_m)).rows(rows)
     assert (interpolated.status == exact.status).all()
     assert np.abs(interpolated.value_m - exact.value_m).max() < ALLOWED_M
-    assert np.abs(arc.at(FixedPoint(position_pa_m)).value_m[rows] - exact.value_m).max() < ALLOWED_M
+    assert np.abs(arc.predict(FixedPoint(position_pa_m)).value_m[rows] - exact.value_m).max() < ALLOWED_M
     assert np.abs(interpolated.elevation_rad - exact.elevation_rad).max() < ALLOWED_RAD
     for name, rounding in ROUNDING.items():
         partials, expected = getattr(interpolated, name), getattr(exact, name)
@@ -219,10 +219,10 @@ def test_rows_and_select(untidy_arc, selection):
         "step": slice(None, None, -2),
     }[selection]
     full = untidy_arc.compute(APOLLO15)
-    assert_same(untidy_arc.at(APOLLO15).rows(rows), full.rows(rows))
+    assert_same(untidy_arc.predict(APOLLO15).rows(rows), full.rows(rows))
     part = untidy_arc.select(rows)
     assert_same(part.compute(APOLLO15), full.rows(rows))
-    assert (part.at(APOLLO15).value_m == full.value_m[rows]).all()
+    assert (part.predict(APOLLO15).value_m == full.value_m[rows]).all()
     assert part.accuracy.interpolated + part.accuracy.exact == len(full.value_m[rows])
     assert (part.observations.link == untidy_arc.observations.link[rows]).all()
     assert_same(part.select([5]).compute(APOLLO15), part.compute(APOLLO15).rows([5]))

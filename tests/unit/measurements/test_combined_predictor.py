@@ -70,7 +70,7 @@ def by_hand(model):
 
 
 def test_values_and_partials_are_those_of_the_parts(arc, by_hand):
-    combined, value_m = arc.compute(), arc.at().value_m
+    combined, value_m = arc.compute(), arc.predict().value_m
     for case_index, parts in enumerate(by_hand):
         rows = slice(case_index, None, len(CASES))
         computed = [(weight, part.compute()) for weight, part in parts]
@@ -78,7 +78,7 @@ def test_values_and_partials_are_those_of_the_parts(arc, by_hand):
             expected = sum(weight * getattr(part, name) for weight, part in computed)
             np.testing.assert_allclose(getattr(combined, name)[rows], expected, rtol=0, atol=SAME_M)
         np.testing.assert_array_equal(value_m[rows], combined.value_m[rows])
-        by_target = arc.at().combine(
+        by_target = arc.predict().combine(
             np.arange(len(CASES) * N)[rows], lambda part_rows, part, _: part.rows(part_rows).by_position_pa
         )
         expected = sum(weight * part.by_position_pa for weight, part in computed)
@@ -87,8 +87,10 @@ def test_values_and_partials_are_those_of_the_parts(arc, by_hand):
 
 def test_each_target_is_at_its_own_position(model):
     table = tracking("range", "KASHI>b>JIAMUSI", None)
-    a_m, b_m = (prepare_predictor(model, table, position, "exact").at().value_m for position in POSITIONS)
-    both_m = predictor(table, model).at().value_m
+    a_m, b_m = (
+        prepare_predictor(model, table, position, "exact").predict().value_m for position in POSITIONS
+    )
+    both_m = predictor(table, model).predict().value_m
     np.testing.assert_allclose(both_m, b_m, rtol=0, atol=SAME_M)
     assert np.abs(a_m - b_m).min() > 1000.0
 
@@ -120,7 +122,7 @@ def test_selected_rows_have_the_values_of_the_full_arc(arc, selection):
         np.testing.assert_array_equal(getattr(computed, name), getattr(full, name)[selection])
     assert (part.observations.kind == arc.observations.kind[selection]).all()
     np.testing.assert_array_equal(
-        reasons(part, computed)[1], reasons(arc, arc.at().rows(selection), selection)[1]
+        reasons(part, computed)[1], reasons(arc, arc.predict().rows(selection), selection)[1]
     )
 
 
@@ -138,7 +140,7 @@ def test_predicted_orientation_of_one_part_marks_the_combination(model):
 
 def test_another_model_applies_to_the_parts_of_a_combination(arc, by_hand, model):
     airless, differences = model.without("troposphere"), arc.select(slice(2, None, len(CASES)))
-    value_m = differences.with_model(airless).at().value_m
-    expected_m = sum(weight * part.with_model(airless).at().value_m for weight, part in by_hand[2])
+    value_m = differences.with_model(airless).predict().value_m
+    expected_m = sum(weight * part.with_model(airless).predict().value_m for weight, part in by_hand[2])
     np.testing.assert_allclose(value_m, expected_m, rtol=0, atol=SAME_M)
-    assert np.abs(value_m - differences.at().value_m).max() > 1.0
+    assert np.abs(value_m - differences.predict().value_m).max() > 1.0

@@ -121,12 +121,12 @@ def test_partials_agree_with_differences(model, kind):
     for axis in np.eye(3):
         step_m = 50.0 * axis
         change_m = (
-            predictor.at(FixedPoint(LANDER_PA_M + step_m)).value_m
-            - predictor.at(FixedPoint(LANDER_PA_M - step_m)).value_m
+            predictor.predict(FixedPoint(LANDER_PA_M + step_m)).value_m
+            - predictor.predict(FixedPoint(LANDER_PA_M - step_m)).value_m
         )
         np.testing.assert_allclose(computed.by_position_pa @ axis, change_m / 100.0, rtol=0.0, atol=6e-7)
     if kind == RANGE:
-        plain = ExactPredictor(model, observations([TWO_WAY], kind, ramped=False), LANDER).at()
+        plain = ExactPredictor(model, observations([TWO_WAY], kind, ramped=False), LANDER).predict()
         scale = [frequency_hz(t - 2.6) / F0_HZ for t in (0.0, 60.0, 120.0, 200.0, 300.0)]
         expected = plain.by_position_pa * np.array(scale)[:, np.newaxis]
         np.testing.assert_allclose(computed.by_position_pa, expected, rtol=1e-9)
@@ -137,7 +137,7 @@ def test_partials_agree_with_differences(model, kind):
                 predictor.observations, epoch=at(np.array([0.0, 60.0, 120.0, 200.0, 300.0]) + shift_s)
             ),
             LANDER,
-        ).at()
+        ).predict()
         for shift_s in (-0.05, 0.05)
     ]
     # Media's delays change with the tag as well as the path.

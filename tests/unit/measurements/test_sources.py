@@ -113,6 +113,6 @@ def test_dense_delays_of_a_source_and_a_lander_are_interpolated():
     )
     assert smooth.accuracy.interpolated > 5000
     # The stated error of interpolation, 0.3 ps.
-    assert np.abs(smooth.at().value_m - exact.at().value_m).max() < 9e-5
+    assert np.abs(smooth.predict().value_m - exact.predict().value_m).max() < 9e-5
     part = smooth.select(np.arange(2000, 4000))
-    assert np.array_equal(part.at().value_m, smooth.at().value_m[2000:4000])
+    assert np.array_equal(part.predict().value_m, smooth.predict().value_m[2000:4000])

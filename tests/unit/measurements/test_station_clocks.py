@@ -67,9 +67,11 @@ def test_term_equals_a_clock_rate(model, case):
     table = observations(path, TAI, tag, kind=kind, count_s=count_s)
     steered = model.without("station_proper_time")
     arc = ExactPredictor(steered, table, APOLLO15)
-    evaluation = arc.at()
-    added_m = ExactPredictor(model, table, APOLLO15).at().value_m - evaluation.value_m
-    rows = ObservationRows(arc, reference=utc_to_tai(Epochs.from_jd(2459185.5, 0.0, "UTC")), at=evaluation)
+    evaluation = arc.predict()
+    added_m = ExactPredictor(model, table, APOLLO15).predict().value_m - evaluation.value_m
+    rows = ObservationRows(
+        arc, reference=utc_to_tai(Epochs.from_jd(2459185.5, 0.0, "UTC")), prediction=evaluation
+    )
     by_rate = PARAMETERS["clock_rate"].partials(rows)[..., 0]
     expected_m = (by_rate * (rows.ends == arc.stations.index("KASHI"))).sum(axis=1) * station_rate(
         model.catalogue["KASHI"]

@@ -111,7 +111,7 @@ def test_partials_of_both_motions_agree_with_differences(model, table, orbit):
                 point_m[k] += 100.0 * sign
             else:
                 x[k - 3] = sign * STEPS[k - 3]
-            changed_m.append(arc.at((FixedPoint(point_m), OrbitMotion(orbit, x))).value_m)
+            changed_m.append(arc.predict((FixedPoint(point_m), OrbitMotion(orbit, x))).value_m)
         step = 100.0 if k < 3 else STEPS[k - 3]
         slope = (changed_m[0] - changed_m[1]) / (2.0 * step)
         size = np.abs(slope).max()
@@ -160,15 +160,15 @@ def test_arrays_are_refused_as_motions(model, table, is_craft, motions):
     with pytest.raises(InputError, match=r"FixedPoint\(position_pa_m\)|expected 1"):
         ExactPredictor(model, table.select(~is_craft), motions)
     with pytest.raises(InputError, match=r"FixedPoint\(position_pa_m\)|expected 1"):
-        ExactPredictor(model, table.select(~is_craft), LANDER).at(motions)
+        ExactPredictor(model, table.select(~is_craft), LANDER).predict(motions)
 
 
 def test_number_and_kinds_of_motions_are_those_of_the_targets(model, table, orbit):
     arc = joint_arc(model, table, (LANDER, orbit))
     with pytest.raises(InputError, match="expected 2, one for each target"):
-        arc.at(LANDER)
+        arc.predict(LANDER)
     with pytest.raises(InputError, match="in the order"):
-        arc.at((OrbitMotion(orbit), LANDER))
+        arc.predict((OrbitMotion(orbit), LANDER))
 
 
 @pytest.mark.parametrize("position_pa_m", [[1.0, 2.0], [np.nan, 0.0, 0.0], np.zeros((2, 3))])

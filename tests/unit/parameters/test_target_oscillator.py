@@ -24,7 +24,7 @@ def column(model, name, kind, tai=TAI, tag="receive"):
     counted = kind == "one_way_doppler"
     table = observations("x>KASHI", tai, tag, kind=kind, count_s=COUNT_S if counted else np.nan)
     arc = ExactPredictor(model, table, APOLLO15)
-    rows = ObservationRows(arc, reference=REFERENCE, at=arc.at())
+    rows = ObservationRows(arc, reference=REFERENCE, prediction=arc.predict())
     return PARAMETERS[name].partials(rows)[:, 0, 0], rows.computed
 
 

@@ -26,7 +26,7 @@ from radioloc.constants import C_M_S
 from radioloc.earth.stations import StationCatalogue, station_name
 from radioloc.errors import InputError
 from radioloc.io.checks import weather_at
-from radioloc.io.frequencies import MAX_DURATION_S, MICROMETRES, agreement_on
+from radioloc.io.frequencies import MAX_DURATION_S, MICROMETRES, agreement_for
 from radioloc.io.tdm.agreement import TdmAgreement
 from radioloc.io.tdm.message import CLOCKS, MEASURED, RECEIVED, SENT, SENT_RATE, WEATHER, TdmSegment
 from radioloc.measurements.link import Link, canonical_target
@@ -246,7 +246,7 @@ class SegmentReader:
         self.key = [reading.key(segment.participant(n)) for n in (self.sender, self.receiver)]
         self.tag = segment.metadata.get("TIMETAG_REF", "RECEIVE").lower()
         self.sent = None if self.link.differenced else reading.frequency_sent(segment, *segment.legs()[:2])
-        self.agreed = agreement_on(segment.path, self.agreement.frequencies)
+        self.agreed = agreement_for(segment.path, self.agreement.frequencies)
 
     def note(self, text: str) -> None:
         """Record a correction of the data."""

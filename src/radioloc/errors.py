@@ -32,7 +32,7 @@ _MAX_TEXT_CHARACTERS = 80
 _MAX_VALUE_CHARACTERS = 60
 _MAX_PROBLEM_CHARACTERS = 1000
 _MAX_MESSAGE_CHARACTERS = 3000
-_MESSAGE_END_CHARACTERS = 500  # kept of a message that is cut, as it ends with what to do
+_MESSAGE_END_CHARACTERS = 500  # kept when a message is shortened, because its end states the remedy
 _MAX_RAW_CHARACTERS = 100_000  # bounds the time of the search for long texts
 _VISIBLE = (
     "\n\t\u00a0\u200c\u200d"  # unprintable by Python's definition, but part of the text of several scripts
@@ -135,7 +135,7 @@ class CoverageError(RadiolocError):
 
 
 class StationError(InputError):
-    """A station is unknown, or lacks what the model needs."""
+    """A station is unknown, or lacks data that the model needs."""
 
 
 class ConvergenceError(RadiolocError):

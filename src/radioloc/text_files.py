@@ -1,4 +1,4 @@
-"""Reading and writing of files; each failure is an error with the path and what to do."""
+"""Reading and writing of files; each failure is an error with the path and the remedy."""
 
 from __future__ import annotations
 

@@ -141,7 +141,7 @@ class Command:
     arguments : tuple of Argument
         Arguments beside ``--quiet`` and ``--verbose``, which all commands have.
     run : callable
-        Function of the parsed arguments that does the work and returns the exit status. What takes time to import is
+        Function of the parsed arguments that does the work and returns the exit status. Slow imports are
         imported inside it. The attribute ``parser`` of the arguments is the parser of the command.
     examples : tuple of str
         Arguments of examples, shown with the help.

@@ -56,7 +56,7 @@ def residuals(options: argparse.Namespace) -> int:
 
 
 def _solution(options: argparse.Namespace, *, fitted: bool) -> radioloc.Solution:
-    """Return the solution of a study, the files of which are written and the card printed."""
+    """Fit a study, write its files and print its card; return the solution."""
     from radioloc.jobs.locate import fit_arc
     from radioloc.jobs.preparation import prepared_arc
     from radioloc.study.study import TerrainPrior

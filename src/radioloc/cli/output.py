@@ -27,7 +27,7 @@ EXIT_STATUS = {
     "installation is not sound (doctor). What is printed says why",
     INTERRUPTED: "interrupted (Ctrl-C); montecarlo prints how to continue",
 }
-"""Exit statuses and what they mean."""
+"""Exit statuses and their meanings."""
 
 STREAM = Path("-")  # In place of a file: standard input or output
 

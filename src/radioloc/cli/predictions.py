@@ -1,4 +1,4 @@
-"""Commands that predict when a target is seen, and what is measured then."""
+"""Commands that predict passes of a target and computed observations."""
 
 from __future__ import annotations
 

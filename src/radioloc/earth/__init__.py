@@ -1,4 +1,4 @@
-"""Stations on the turning Earth: where they stand in the ITRF, what displaces them, how the ITRF lies in the GCRS.
+"""Stations on the rotating Earth: ITRF positions, displacements, and the rotation from ITRF to GCRS.
 
 Positions are metres in the ITRF unless a name says otherwise; epochs are :class:`radioloc.time.Epochs`.
 """

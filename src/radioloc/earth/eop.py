@@ -157,7 +157,7 @@ class EopTable:
 
     @property
     def last_measured_date(self) -> str | None:
-        """Last day of which all values are measured, UTC; None without such days."""
+        """Last day with measured values only, UTC; None if the table has no such day."""
         measured = np.flatnonzero(~self.predicted)
         return day_of(self.mjd_utc[measured[-1]]) if len(measured) else None
 

@@ -104,7 +104,7 @@ def _periodic(days: Floats, column: Floats, periods_d: tuple[float, ...], at_d: 
 
 
 def last_measured_mjd(table: EopTable) -> float:
-    """Last day of which all values are measured, or the first day of a table of predictions, MJD UTC."""
+    """Last day with measured values only, or the first day of a table of predictions, MJD UTC."""
     measured = np.flatnonzero(~table.predicted)
     return float(table.mjd_utc[measured[-1] if len(measured) else 0])
 

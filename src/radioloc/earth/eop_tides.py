@@ -80,7 +80,7 @@ def ocean_tides(mjd_ut1: Floats) -> tuple[Floats, Floats]:
 def libration(mjd_ut1: Floats) -> tuple[Floats, Floats]:
     """Diurnal libration of the pole (rad) and semidiurnal libration of UT1 (s), and their rates, (n, 3)."""
     # IERS Conventions (2010), Tables 5.1a (its ten diurnal terms; those of long period are in the observed pole) and
-    # 5.1b. Arguments are GMST + pi, of which one date in UT1 is enough here, and the Delaunay variables.
+    # 5.1b. Arguments are GMST + pi, for which one float for the date in UT1 suffices, and the Delaunay variables.
     centuries = (mjd_ut1 - _MJD_J2000) / _DAYS_PER_CENTURY
     gmst_s = 67310.54841 + centuries * (_GMST_RATE_S_CY + centuries * (0.093104 - 6.2e-6 * centuries))
     chi = np.fmod(gmst_s, SECONDS_PER_DAY) * (2 * np.pi / SECONDS_PER_DAY) + np.pi

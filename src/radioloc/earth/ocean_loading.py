@@ -69,15 +69,15 @@ _FES2004_M = np.array([
 FES2004 (Scherneck, Onsala Space Observatory, file of centre of mass coefficients)."""
 
 TIDAL_GEOCENTRE_M = (_FES2004_M[:, 0::2] - 1j * _FES2004_M[:, 1::2]).T
-"""Amplitudes for :func:`sum_of_tides` of what displaces all stations with the solid Earth, against its common centre of
-mass with the oceans, ITRF.
+"""Amplitudes for :func:`sum_of_tides`, ITRF: displacement of the solid Earth, with all stations, from the common centre
+of mass with the oceans.
 
 IERS Conventions (2010), section 7.1.2: in-phase part times the cosine and cross-phase part times the sine of each
 tide's argument, here with the minor tides. A position about the common centre is one in the crust's frame plus this.
 Ocean tide models differ by some 0.5 mm (K1 and O1 in z, FES2004 and GOT5.5)."""
 
 
-_BLOCK = 256  # epochs of which the phases of all tides stay in the processor's cache
+_BLOCK = 256  # epochs per block, so that the phases of all tides stay in the processor's cache
 
 
 def loading_itrf_m(coefficients: BlqCoefficients, station_itrf_m: Floats) -> NDArray[np.complex128]:
@@ -98,7 +98,7 @@ def sum_of_tides(amplitudes_m: NDArray[np.complex128], tt: Epochs, ut1_fraction:
     # GIVEN_TIDES, the lag counted from the equilibrium tide at Greenwich. Outside the given tides of a band the
     # admittance is that of the nearest, as in the conventional program.
     tt.require("TT")
-    # The moon's mean longitude enters five times at most: what is left turns in five days or more.
+    # The Moon's mean longitude enters at most five times, so the remaining arguments have periods of five days or more.
     envelope = evaluate_smooth(_envelopes, tt)
     tau = 2.0 * np.pi * ut1_fraction - erfa.fad03(tt.centuries_since_j2000())
     turned = np.exp(1j * np.multiply.outer(tau, np.arange(len(_EQUILIBRIUM_PHASE_RAD))))

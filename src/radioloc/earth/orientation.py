@@ -99,7 +99,7 @@ class EarthOrientation:
         ut1_per_tt = 1.0 + eop.ut1_minus_tt_rate + added_rate[:, 2]
 
         (x, y), (x_rate, y_rate) = _celestial_pole(tt)
-        # The locator s is that of the model's pole; what the offsets change of it is below 1e-15 rad.
+        # The locator s is that of the model's pole; the pole offsets change it by less than 1e-15 rad.
         gcrs_to_cirs = erfa.c2ixys(x + eop.dx_rad, y + eop.dy_rad, erfa.s06(tt.jd, tt.fraction, x, y))
         polar_motion = erfa.pom00(xp_rad, yp_rad, erfa.sp00(tt.jd, tt.fraction))
         rotation = np.swapaxes(erfa.c2tcio(gcrs_to_cirs, earth_rotation_angle(ut1), polar_motion), -1, -2)

@@ -33,7 +33,7 @@ class ReferenceComparison(LocalDifference):
     Parameters
     ----------
     name : str
-        What it is compared with.
+        Reference of the comparison.
     longitude_deg, latitude_deg, height_m : float
         Where that is: east longitude and latitude in mean-Earth axes, deg, height above the 1737.4 km sphere, m.
     east_m, north_m, up_m : float
@@ -262,7 +262,7 @@ class JointEstimate:
     covariance_enu_m2: Floats  # (3, 3), total
     names: tuple[str, ...]  # of the estimates that it rests on
     left_out: Mapping[str, str] = field(default_factory=dict)  # the others, and why
-    chi2: float = 0.0  # of what they differ from it
+    chi2: float = 0.0  # of their differences from it
     dof: int = 0
 
     @property
@@ -340,7 +340,7 @@ def joint_estimate(estimates: Sequence[PositionEstimate]) -> JointEstimate | Non
         )
         finite = np.isfinite(np.diag(total))
         design = np.tile(np.eye(3), (len(used), 1))[finite]
-        # What both have from one a-priori value alone would leave nothing to factorize.
+        # A covariance that both take from one a-priori value alone could not be factorized.
         total += np.diag(1e-9 * np.diag(total))
         root = np.linalg.cholesky(total[np.ix_(finite, finite)])
         whitened = np.linalg.solve(root, design)

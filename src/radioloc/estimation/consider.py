@@ -99,7 +99,7 @@ class ReportedEstimate:
     parameters: ParameterSet
     values: Floats  # (p,)
     formal_covariance: Floats  # (p, p), by noise and a-priori values
-    covariance: Floats  # (p, p), likewise with the noise that the residuals show
+    covariance: Floats  # (p, p), with the noise determined from the residuals
     prior_effects: Floats  # (p, p), change by one sigma of each a-priori value (columns)
     consider: Consider | None
 

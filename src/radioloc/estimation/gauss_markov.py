@@ -45,12 +45,12 @@ RATIOS = np.logspace(-5.0, 3.0, 33)  # c / w that are tried
 _TAU_STEP_DECADES = 0.25  # from one correlation time that is tried to the next
 _COARSE_TAU_STEP, _COARSE_RATIO_STEP = 2, 4  # of those every so many are tried first
 _FLICKER_RATIO_STEP = 2  # every so many of the ratios are tried for flicker noise
-_AVERAGED_RATIO_STEP = 2  # likewise where no correlation is significant
+_AVERAGED_RATIO_STEP = 2  # the same step where no correlation is significant
 _MIN_AVERAGED_RATIO = 1e-3  # smaller c / w have no effect on a covariance there
 _FLICKER_STEP_DECADES = 1.0  # from one correlation time of flicker noise to the next, about
 _MAX_FLICKER_SPANS = 3.0  # longest correlation time in spans of the data; longer is constant
 _MIN_PARAMETER_CHI2 = 1.0  # by one sigma of a combination of parameters: below, it is not projected out
-_MIN_SERIES_CHI2 = 1e-3  # likewise in one series: less changes no likelihood by more than half of that
+_MIN_SERIES_CHI2 = 1e-3  # in one series: a smaller value changes no likelihood by more than half of that
 _MAX_LOG_LIKELIHOOD_LOSS = 6.0  # below the largest at which nothing need be looked at
 _MIN_VARIANCE_FRACTION = 1e-4  # below which a process is left out of a filter
 _MIN_PRODUCT_VARIANCE_FRACTION = 1e-6  # below which a process is left out of products with the covariance
@@ -73,7 +73,7 @@ class Series:
     name: str
     group: str  # series of a group have one tau and one c / w
     kind: str  # of measurement
-    shared: str = ""  # what combinations of observations that share errors are called together
+    shared: str = ""  # common name of combinations of observations that share errors
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -88,7 +88,7 @@ class Points:
     step_s: Floats  # (n,), time since the point before of the same series, s
     gain: Floats  # (n,), root of the number of observations that a point is the mean of
     residual: Floats  # (n,), whitened by the stated noise
-    unit: Floats  # (n, q), partials, whitened likewise, by parameters of unit formal covariance
+    unit: Floats  # (n, q), whitened partials by parameters of unit formal covariance
     time_s: Floats = field(default_factory=lambda: np.zeros(0))  # (n,), where it is asked for
 
     def of(self, k: int) -> slice:
@@ -373,7 +373,7 @@ class RestrictedLikelihood:
         from radioloc.estimation._kernels import filter_grid
 
         mean = part * mean_correlation(float(self.points.width_s[item.number]), tau_s)
-        # What a process does inside a bin is white noise among its observations.
+        # Within a bin a process acts as white noise.
         white_variance = np.append(1.0 + np.outer(1.0 - mean.sum(axis=1), ratio), 1.0)
         variance = np.zeros((len(mean.T), len(white_variance)))
         variance[:, :-1] = (mean.T[:, :, None] * ratio).reshape(len(mean.T), -1)
@@ -389,7 +389,7 @@ def mean_correlation(width_s: float, tau_s: Floats) -> Floats:
     """Mean of exp(-|dt| / tau) over pairs of instants of a bin, shape as of `tau_s`."""
     if width_s == 0.0:
         return np.ones(np.shape(tau_s))
-    x = np.maximum(width_s / tau_s, 1e-4)  # below, rounding is larger than what is left out
+    x = np.maximum(width_s / tau_s, 1e-4)  # below, rounding exceeds the omitted terms
     return np.asarray(2.0 * (x - 1.0 + np.exp(-x)) / x**2)
 
 

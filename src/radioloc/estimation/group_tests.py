@@ -289,7 +289,7 @@ class BinnedProblem:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ScoreProducts:
-    """Products of w columns and the residuals, without what the c parameters absorb."""
+    """Products of w columns and the residuals, after projection off the c parameters."""
 
     problem: BinnedProblem
     whitened: Floats  # (n + k, w)

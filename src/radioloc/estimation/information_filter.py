@@ -1,11 +1,11 @@
 """Process noise: a square-root information filter and smoother.
 
 Stochastic accelerations (:mod:`~radioloc.dynamics.stochastic`) are a process of first order, u_(k+1) = m u_k + w. The
-filter goes from both ends of the arc inward, interval by interval: the triangle of what lies outside, the process and
-the interval's observations stand above each other, and Householder reflections eliminate the outer u (Bierman 1977,
-chapters V and VII; Tapley, Schutz and Born 2004, section 5.10). What no unknown of the process is in any more are
-independent combinations of the observations, those of a batch fit with the process among its noise; eliminated rows
-are kept for the smoother, which goes outward from the epoch, where the deviation is zero.
+filter runs inward from both ends of the arc, interval by interval. The triangle of the outer intervals, the equation
+of the process and the interval's observations are stacked, and Householder reflections eliminate the outer u (Bierman
+1977, chapters V and VII; Tapley, Schutz and Born 2004, section 5.10). The remaining rows are free of the process:
+independent combinations of the observations, equal to those of a batch fit with the process in its noise. Eliminated
+rows are kept for the smoother, which runs outward from the epoch, where the deviation is zero.
 """
 
 from __future__ import annotations
@@ -107,7 +107,7 @@ class InformationFilter:
         _, eliminated_rows, at_epoch = self._swept(
             lambda rows: np.column_stack([rows_of(rows), residual_m[rows]])
         )
-        # The state of the smoother: the others, minus one (of which the residuals are the partials), then d and u.
+        # State of the smoother: the other parameters, -1 (whose partials are the residuals), then d and u.
         unit = np.eye(c + 1)
         gain = np.linalg.solve(at_epoch[:, : 2 * s], -at_epoch[:, 2 * s :])
         epoch_root = np.linalg.inv(at_epoch[:, : 2 * s])
@@ -116,7 +116,7 @@ class InformationFilter:
         epoch_covariance = gain @ columns_covariance @ gain.T + epoch_root @ epoch_root.T
         increment = (
             np.hstack([np.eye(s), -m * np.eye(s)]) / growth
-        )  # what the process has new, one way and the other
+        )  # increments w of the process in both directions
         absorbed = (
             2 * s - np.trace(increment @ epoch_covariance @ increment.T) - np.trace(epoch_covariance[s:, s:])
         )

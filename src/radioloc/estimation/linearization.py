@@ -37,7 +37,7 @@ class Linearization(Protocol):
 
 @runtime_checkable
 class SparseLinearization(Linearization, Protocol):
-    """Linearization of many parameters of which few act on each observation."""
+    """Linearization with many parameters, few of which act on each observation."""
 
     def row_order(self) -> Rows:
         """Observations in an order in which few parameters act on those of a part, shape (n,)."""
@@ -99,7 +99,7 @@ def evaluate(residual_function: ResidualFunction, x: Floats) -> Linearization:
 
 
 def evaluate_step(residual_function: ResidualFunction, x: Floats, previous: Linearization) -> Linearization:
-    """Linearization where a step leads to; of infinite residuals where that is beyond what the model can compute."""
+    """Linearization after a step; residuals are infinite where the model cannot be evaluated."""
     try:
         return evaluate(residual_function, x)
     except RadiolocError:
@@ -263,7 +263,9 @@ def _whitened_rows(
         out = np.empty((len(rows), len(nonzero)))
         out[:, :-1] = partials if partials.shape[1] == len(chosen) else partials[:, chosen]
         out[:, -1] = linearization.residual_m[rows]
-        if whitening.continues_at(start):  # what was not zero in the part before is filtered on
+        if whitening.continues_at(
+            start
+        ):  # columns that were nonzero in the preceding part continue in the filter
             columns = np.append(columns, np.setdiff1d(nonzero, columns))
             place = np.argsort(columns)[np.searchsorted(np.sort(columns), nonzero)]
             out = _widened(out, place, len(columns))

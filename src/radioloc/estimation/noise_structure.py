@@ -174,7 +174,7 @@ def split(fit: FitResult, order: SeriesOrder, groups: Labels, added_m: Mapping[s
     for k in significant[np.argsort(-gain[significant], kind="stable")].tolist():
         name, (members, _) = candidates[k]
         is_member = members[order.code]
-        # What parameters take out of residuals is looked at last, as it takes the partials of all
+        # Absorption by parameters is computed last, because it requires all partials
         dof = np.array([_dof(fit, side[order.code] > 0.0) for side in sides[k]])
         has_no_component = not added_m[groups.texts[groups.codes[is_member.argmax()]]] > 0.0
         is_explained = has_no_component and sums[k, 0].sum() <= chi2_quantile(
@@ -407,12 +407,12 @@ def _stacked(patterns: Sequence[_Pattern], stations: int) -> tuple[Floats, Float
 
 
 def _likeliest(matrices: Floats, squares: Floats, fillers: Floats, dof: Floats) -> tuple[Floats, float]:
-    """Components (c,) and -2 log of their likelihood, from what :func:`_stacked` gives."""
+    """Components (c,) and -2 log of their likelihood, from the result of :func:`_stacked`."""
     from scipy.optimize import nnls
 
     scale = np.sqrt(dof)[:, None, None]
     delay_m2 = np.diagonal(matrices[0], axis1=1, axis2=2)
-    # Far beyond what is taken for noise, and the covariance still has an inverse
+    # Far above plausible noise; the covariance still has an inverse
     min_fraction = 1e-3 / (_MAX_STATION_SIGMA_RATIO**2 * delay_m2[delay_m2 > 0.0].min())
     components = np.append(1.0, np.zeros(len(matrices) - 1))
     for _ in range(_MAX_STEPS):

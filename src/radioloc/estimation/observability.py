@@ -176,7 +176,7 @@ class Observability:
         return tuple(lines)
 
     def advice(self) -> str:
-        """Say what would determine the parameters better; empty if all are determined well."""
+        """Name data that would determine the parameters better; empty if all are well determined."""
         names = {name for direction in self.undetermined or self.weak for name in direction.names}
         other_names = sorted(name for name in names if not name.startswith("position."))
         remedies = [f"an a-priori sigma for {', '.join(other_names)}"] if other_names else []
@@ -186,7 +186,7 @@ class Observability:
 
 
 def assess_observability(fit: FitResult, counted: NDArray[np.bool_] | None = None) -> Observability:
-    """Name what a fit determines poorly or not at all; `counted` (n,) are observations over a count interval.
+    """Name poorly determined parameters and combinations; `counted` (n,) are observations over a count interval.
 
     Weak directions are eigenvectors of the covariance in parameter scales, so of all combinations of unit length those
     of largest sigma. The basis of undetermined directions is in reduced echelon form, so that each names as few

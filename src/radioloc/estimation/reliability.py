@@ -55,7 +55,7 @@ class Reliability:
         return math.isfinite(self.minimal)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return all fields for JSON; None of what is not finite."""
+        """Return all fields for JSON; infinite values as None."""
         content: dict[str, Any] = {"kind": self.kind, "name": self.name, "components": list(self.components)}
         content |= {"minimal_detectable": finite_or_none(self.minimal), "unit": self.unit}
         shift_m = self.shift_m if self.revealed else None

@@ -161,7 +161,7 @@ class CorrelatedWhitener:
         return self.filter.adjoint(np.concatenate(list(parts)))
 
     def transposed(self, parts: Iterable[Floats]) -> Iterator[tuple[Rows, Floats]]:
-        """Rows and what the transpose of :meth:`whitened` makes of such parts."""
+        """Rows and the product of such parts with the transpose of :meth:`whitened`."""
         whitened = list(parts)
         ends = np.cumsum([len(part) for part in whitened])
         return self.series.whitener.transposed(np.split(self.weighted(whitened), ends[:-1]))
@@ -246,7 +246,7 @@ def _combinations(order: SeriesOrder, blocks: Blocks) -> Iterator[tuple[list[Ser
         axes_m = blocks.axes_m[present]
         axes = np.swapaxes(blocks.roots[present] * axes_m[:, :, None], 1, 2)[:, sort]
         kind, links = order.series[key[0]].kind, tuple(key[sort].tolist())
-        # Errors of stations and those of baselines alone are in different combinations, of which one may be correlated
+        # Errors of stations and those of baselines alone are in different combinations, one of which may be correlated
         # in time and the other not, however near their sigmas are.
         first_m = axes_m[covariance_index[0]]
         part = np.cumsum(np.diff(first_m, prepend=-np.inf) > _SIGMA_RTOL * first_m)
@@ -267,7 +267,7 @@ def _combinations(order: SeriesOrder, blocks: Blocks) -> Iterator[tuple[list[Ser
 
 
 def _stable_principal_axes(axes: Floats, part: NDArray[np.intp]) -> Floats:
-    """Principal axes (k, k) in columns, of which those of one sigma, in one part, are not left to rounding."""
+    """Principal axes (k, k) in columns; those of equal sigma in one part are chosen independently of rounding."""
     # Any rotation of them is as good, but noise is sought along each, so another one gives other sigmas. One after the
     # other takes all that is left in the part of the next observation, so an error of the first is in one of them.
     out = np.empty_like(axes)

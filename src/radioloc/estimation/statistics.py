@@ -86,7 +86,7 @@ class Residuals:
 
     @property
     def residual_mm_s(self) -> Floats:
-        """Residual of Doppler as a round-trip rate, mm/s, shape (n,); NaN of what is not counted."""
+        """Residual of Doppler as a round-trip rate, mm/s, shape (n,); NaN for other types."""
         return 1e3 * self.residual_m / (np.nan if self.count_s is None else self.count_s)
 
     @property
@@ -234,7 +234,7 @@ class FitStatistics:
     excess_noise_m : dict of str to float
         Noise that was added in quadrature to every stated sigma of a type, m; the chi-square is with it.
     shared_noise_m : dict of str to float
-        What the sigmas of delays hold of errors of stations that delays of one epoch share, found from the residuals,
+        Station errors that delays of one epoch share, estimated from the residuals and contained in the sigmas,
         m; empty without.
     """
 

@@ -195,7 +195,7 @@ def fit_with_correlated_weights(
     # The selection stays, as outliers are judged by the stated sigmas. Noise, sum of squares and formal covariance of
     # the result are those of the stated sigmas; estimate and factor those of the weights.
     stated = edited.fit
-    # A fit that did not come to its end says itself what is wrong with it.
+    # A fit that did not end has its own error status.
     if not edited.ended:
         return edited
     series = independent_series(order, stated.noise, stated.used)
@@ -218,7 +218,7 @@ def fit_with_correlated_weights(
 
 
 def _with_covariances(fit: FitResult, noise: CorrelatedWhitener, correlation: TimeCorrelation) -> FitResult:
-    """Fit with the covariance of its estimate for independent errors as stated, and what the others add to it."""
+    """Fit with its covariance for independent errors as stated, and the additional covariance of the others."""
     # With the weights W, parameters of unit A^T W A + P have the covariance P + A^T W W A for errors of unit variance,
     # and A^T W V W A - A^T W W A more for those of the covariance V.
     # Only directions in which reported parameters vary are computed; the others keep the unit covariance.

@@ -185,7 +185,7 @@ def _wanted_m(
         whitener = stated.whitener(members)
         sigma_m = whitener.sigma_m
         if sigma_m is None:
-            # The combinations of counts depend on what is added
+            # The combinations of counts depend on the added variance
             squares = partial(_squares_of, fit, stated, members)
             residual_m = fit.residual_m[members]
             wanted_m[k] = _sufficient_sigma_m(

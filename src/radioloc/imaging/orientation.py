@@ -178,7 +178,7 @@ def _rotations() -> type[Rotation]:
 
 
 def _clipped(time_s: Floats, span_s: tuple[float, float]) -> Floats:
-    """Return times, of which those outside the span by rounding are moved to its ends."""
+    """Return times; those outside the span by rounding are moved to its ends."""
     first, last = span_s
     tolerance_s = 5 * _EPOCH_ROUNDING_S
     invalid = (time_s < first - tolerance_s) | (time_s > last + tolerance_s) | ~np.isfinite(time_s)

@@ -1,4 +1,4 @@
-"""Observations from orbit data files: what the records mean.
+"""Observations from the records of orbit data files.
 
 Doppler O is the reference frequency at the level of the downlink less the mean received one, Hz, positive where
 the spacecraft recedes; its time tag is the middle of the count T_c. With the turnaround ratio M (one-way: 1) and

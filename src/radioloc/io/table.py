@@ -364,7 +364,7 @@ def _cells(column: Any, rows: slice, decimals: int | None, for_text: bool) -> An
 
 
 def _label_texts(codes: NDArray[Any], labels: Sequence[str]) -> Any:
-    """Texts of which few differ, from an index into them."""
+    """Text column with few distinct values, stored as an index into them."""
     import pyarrow
 
     texts = pyarrow.array(list(labels) or [""], pyarrow.string())

@@ -1,4 +1,4 @@
-"""Trials by the linear model: what is prepared once, values and partials at the truth, serves all of them.
+"""Trials by the linear model: all use values and partials that are prepared once at the truth.
 
 A trial is a sum of vectors (noise, and partials times drawn errors) and a linear fit: milliseconds.
 """
@@ -53,7 +53,7 @@ class Compared:
     axes: Sequence[str]
     by_parameters: _Floats  # (q, d, p)
     by_drawn: _Floats  # (q, d, k), how the truth is moved
-    by_considered: _Floats  # (q, d, c), beside what the parameters do
+    by_considered: _Floats  # (q, d, c), in addition to the effect through the parameters
     offset_m: _Floats  # (q, d), truth without drawn errors less where the model was linearized
     added_m2: _Floats  # (d, d), covariance that is added
     height_m: float | None = None  # of the true position; of none on an orbit
@@ -66,7 +66,7 @@ class LinearArc:
     part: NDArray[np.intp]  # of the longest arc
     problem: LinearProblem  # at the true position, the other parameters at their a-priori values
     parameters: ParameterSet
-    held_m: _Floats  # (m,), what those others add to the computed values
+    held_m: _Floats  # (m,), their contribution to the computed values
     compared: tuple[Compared, ...]  # one of each target
     noise: ObservationCovariance  # as stated
     status: Labels  # before the fit
@@ -123,7 +123,7 @@ class LinearTrials:
         residual_m = self.constant_m + noise_m[:, self.rows]
         for k, errors in enumerate(drawn):
             residual_m[k] += errors @ self.drawn.partials
-        # Arc by arc, as what an arc's fits have in common then stays in the processor's cache.
+        # Arc by arc, so that data common to the fits of an arc stay in the processor's cache.
         for i, arc in enumerate(self.arcs):
             for k, errors in enumerate(drawn):
                 edited = arc.fit(residual_m[k, arc.part] - arc.held_m, seeds[k])

@@ -57,7 +57,7 @@ _MAX_VISIBILITY_DECISIONS = 4
 def locate(
     study: Study | str | Path, observations: Observations | None = None, model: PhysicalModel | None = None
 ) -> Solution:
-    """Fit the position and what else the study asks for.
+    """Estimate the position and the other parameters of a study.
 
     Parameters
     ----------
@@ -71,8 +71,7 @@ def locate(
     Raises
     ------
     RadiolocError
-        The input is not usable; a fit that does not converge or is not observable is not an error but said in the
-        solution.
+        The input is not usable. The status of the solution, not an error, states a fit that does not converge.
 
     Examples
     --------
@@ -282,7 +281,7 @@ def _reasons(status: Labels, codes: NDArray[np.int8], observations: Observations
 
 
 def _require_usable(problem: EstimationProblem, status: Labels, codes: NDArray[np.int8]) -> None:
-    """Refuse an arc of which no observation can be used."""
+    """Refuse an arc without usable observations."""
     if not status.are(USED).any():
         raise InputError(
             f"no observations left: all {len(status)} are rejected: "

@@ -42,7 +42,7 @@ logger = logging.getLogger(__name__)
 
 _Floats = NDArray[np.float64]
 
-_MOST_IN_CHUNK = 25  # Trials that are run together: drawing their noise together is what makes it fast
+_MOST_IN_CHUNK = 25  # trials that are run together, so that their noise is drawn together, which is fast
 _CHUNKS_PER_WORKER = 4
 _RANDOM_PROOFS = 2
 _ALLOWED_M, _ALLOWED_SIGMAS = 1e-3, 0.01
@@ -224,7 +224,7 @@ class TrialFolder:
         remove_files(self._parts, (TEMPORARY_FILES,))  # of a run that was killed
 
     def start(self) -> None:
-        """Begin anew: trials that are there from before are removed, and what was made of them."""
+        """Remove the trials of an earlier run and the files derived from them."""
         remove_files(self._parts, ("*-*-*.*",))
         remove_files(self._folder, earlier_files(RESULTS["monte_carlo"]))
         write_json(self._folder / "study.json", self._record)

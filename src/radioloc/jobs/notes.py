@@ -151,7 +151,7 @@ def notes_of_plan(arc: Predictor, left_out: dict[str, int], parameters: Iterable
 
 
 def limitations_of(arc: Predictor) -> tuple[str, ...]:
-    """Return what the model does not contain and its sources: statements that call for no action."""
+    """Return the effects that are not modelled and the sources of the model; they require no action."""
     return (*_station_notes(arc, _UNMODELLED), *_model_limitations(arc))
 
 
@@ -246,7 +246,7 @@ _UNMODELLED: dict[str, tuple[str, Callable[[Station], bool]]] = {
         lambda station: station.axis_offset_m is None,
     ),
 }
-"""Texts on effects that are not modelled for some stations, likewise."""
+"""Texts on effects that are not modelled for some stations."""
 
 
 def _station_notes(

@@ -60,7 +60,7 @@ def fitted_state(
         else:
             ratio = (part.arc.observations.value_m - computed.value_m) / sigma_m
             spread_here = max(1.0, robust_scale(ratio, len(free)))
-            # Without the largest, of which a single one could hide the gain in all others.
+            # Without the largest one, which could hide the reduction of all others.
             loss = float(np.sort(np.abs(ratio))[: math.ceil(_COUNTED_FRACTION * len(ratio))].mean())
         if loss > min_loss:
             # Too far: return and take a shorter step.

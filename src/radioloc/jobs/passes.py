@@ -43,7 +43,7 @@ from radioloc.time import (
     utc_to_tt,
 )
 
-_STEP_S = 60.0  # Between elevations, the highest of which is then found to 0.0002 deg
+_STEP_S = 60.0  # between elevations; the maximum is then determined to 0.0002 deg
 _KINDS_BY_FORM = {
     Geometry.ROUND_TRIP.value: ("range", "doppler"),
     Geometry.ONE_WAY.value: ("one_way_range", "one_way_doppler"),

@@ -103,7 +103,7 @@ def planned_arc(
 
 
 def _require_tracked(study: Study, arc: Predictor) -> None:
-    """Refuse a position on a map of what is not tracked."""
+    """Refuse a position on a map of a target that is not tracked."""
     tracked = [name for k in np.unique(arc.observations.link) for name in arc.observations.links[k].targets]
     for place in study.observations.map_positions:
         if place.reference_position is not None or place.target is None:
@@ -188,11 +188,11 @@ def chosen_observations(
 
 
 def read_as(study: Study, files: Sequence[str | Path], model: PhysicalModel | None = None) -> Observations:
-    """Observations of files, read by what a study, or its model, says of stations and Tracking Data Messages.
+    """Read observations from files with the stations and message settings of a study or its model.
 
     Errors as :func:`radioloc.locate`.
     """
-    # What the model has of delays, a file's are not to be taken off as well.
+    # Delays of the model must not be subtracted a second time with those of a file.
     tdm = replace(study.observations.tdm, modelled=(model or model_of(study)).delays)
     observations = read_observations(
         files,

@@ -64,7 +64,7 @@ class Prepared:
     world: World  # with the errors of the truth, none drawn
     rows: NDArray[np.intp]  # those of the plan that the study asks for
     parts: tuple[ArcPart, ...]  # the longest arc first
-    targets: tuple[ComparedTarget, ...]  # of which a parameter is estimated
+    targets: tuple[ComparedTarget, ...]  # those with estimated parameters
     columns: tuple[str, ...]
 
     @property

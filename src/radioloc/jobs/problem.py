@@ -164,7 +164,7 @@ class EstimationProblem:
 
     def orbits_with_gravity_errors(self, x: NDArray[np.float64]) -> GravityErrorOrbits:
         """Return the orbits at parameters x with the considered errors of their gravity fields, by target."""
-        if self.process_noise is not None:  # which stands for what the field leaves out
+        if self.process_noise is not None:  # it represents the omitted part of the field
             return {}
         orbits = {
             k: target.gravity_errors(x[self.model.columns_of(k)])

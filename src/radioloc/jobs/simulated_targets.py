@@ -51,7 +51,7 @@ def planned_orbits(study: Study, scenario: Scenario, model: PhysicalModel) -> di
 def antenna_targets(
     study: Study, scenario: Scenario, model: PhysicalModel, orbits: Mapping[str, AdjustableOrbit]
 ) -> dict[str, Target]:
-    """Return what antennas point at, by the names of targets in the observations."""
+    """Return the points that antennas track, by the names of targets in the observations."""
     targets = dict[str, Target]()
     for name, simulated in names_in_scenario(study, scenario).items():
         if name in study.described:

@@ -1,4 +1,4 @@
-"""The noise of a study's observations: what the files state, what the delays of one epoch share.
+"""Measurement noise of a study: sigmas stated by the files, and errors that delays of one epoch share.
 
 The error of a VLBI station's arrival time (its receiver, its clock, the air above it) is in every delay of that epoch
 which the station has part in, with one sign as the second station and the other as the first. Likewise the error of how
@@ -45,7 +45,7 @@ def noise_of(study: Study, arc: Predictor) -> ObservationCovariance:
 
 
 def stated_noise(arc: Predictor, choice: ObservationChoice) -> ObservationCovariance:
-    """Covariance of an arc's observations: stated sigmas, what the study adds, what some of them share."""
+    """Covariance of an arc's observations: stated sigmas, additions of the study, shared errors."""
     terms: list[NoiseTerm] = []
     n, source = len(arc.transmitters), np.stack([arc.transmitters, arc.receivers], axis=-1).astype(np.intp)
     for kind, key in ((VLBI_DELAY, "vlbi_station_sigma_m"), (VLBI_DELAY_RATE, "vlbi_station_rate_sigma_m")):

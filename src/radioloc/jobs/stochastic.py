@@ -149,7 +149,7 @@ class StochasticProblem:
             return by_free if suboptimal is None else np.hstack([by_free, suboptimal.partials(rows) * sigmas])
 
         smoothed = fit.whitening.smoothed(partials, design.residual_m, joint)
-        # From errors of free parameters, of what is considered, of the deviation and the acceleration.
+        # From errors of free and considered parameters, of the deviation and the acceleration.
         onto = np.zeros((len(state.parameter_covariance) + 9, len(joint) + 9))
         columns = self.with_process.columns_of(target)
         of_orbit, begin = free[columns], int(free[: columns.start].sum())
@@ -170,7 +170,7 @@ class StochasticProblem:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class IndependentAccelerations:
-    """Stochastic accelerations as w independent parameters of unit variance, one for what each interval adds.
+    """Stochastic accelerations as w independent parameters of unit variance, the increments of each interval.
 
     The batch form of process noise, for plans of a few hundred intervals, whatever the noise of the observations.
     """

@@ -1,4 +1,4 @@
-"""The targets of a study: its positions, trajectories and orbiters with what it estimates of them."""
+"""The targets of a study: its positions, trajectories and orbiters, with their estimated parameters."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ from radioloc.targets.target import Target
 
 
 def targets_of(study: Study, arc: Predictor, choice: EstimateChoice) -> list[Target]:
-    """Return the targets of a study for an arc in the order of its motions, with what is estimated of them."""
+    """Return the targets of a study, with their estimated parameters, in the order of the arc's motions."""
     names = study.names_in_order or tuple(study.all_targets)
     targets: list[Target] = [
         *surface_points(targets_in_pa(study, arc.model), arc.model, choice, several=len(study.landers) > 1)

@@ -149,7 +149,7 @@ def _repeated(path: Path, recorded: Mapping[str, Any], file: str | Path | None) 
     study = replace(full_study, observations=replace(full_study.observations, hours=hours))
     _require_unchanged(problem, origin, study_origin(study))
     estimate = recorded.get("estimate")
-    if estimate is not None and estimate.get("clock_epoch"):  # of a whole arc, of which this may be a part
+    if estimate is not None and estimate.get("clock_epoch"):  # of the complete arc; this may be a part of it
         clock_epoch = epochs_from_strings([estimate["clock_epoch"]], "UTC")
         full_study, study = (
             replace(item, estimate=replace(item.estimate, clock_epoch=clock_epoch))

@@ -52,7 +52,7 @@ class RegisteredKernel:
         return self.folder / self.name
 
     def problem(self) -> str:
-        """Describe a missing or changed file and what to do; empty for an unchanged one."""
+        """Describe a missing or changed file and the remedy; empty for an unchanged one."""
         origin, advice = "added", "add it again by radioloc kernels add"
         if self.source_package:
             origin, advice = "shipped", "install radioloc again"

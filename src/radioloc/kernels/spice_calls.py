@@ -39,6 +39,6 @@ def spice_path(path: Path) -> Iterator[str]:
 
 
 def spice_message(error: Exception) -> str:
-    """Return what an error of SPICE says, in one line."""
+    """Return the message of a SPICE error in one line."""
     text = getattr(error, "long", "") or getattr(error, "short", "") or str(error)
     return " ".join(text.split())

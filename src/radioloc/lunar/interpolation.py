@@ -42,7 +42,7 @@ class Stencil:
         return np.asarray(np.einsum("nij,ni,nj->n", cells, self.row_weights[0], self.column_weights[0]))
 
     def value_and_slopes(self, cells: Floats, by_angle: Floats) -> tuple[Floats, Floats, Floats]:
-        """Values, and their derivatives by two angles, of which row and column have these, shape (2, 2, n)."""
+        """Values and their derivatives by two angles; `by_angles` are those of row and column, shape (2, 2, n)."""
         by_row = np.einsum("nij,ni,nj->n", cells, self.row_weights[1], self.column_weights[0])
         by_column = np.einsum("nij,ni,nj->n", cells, self.row_weights[0], self.column_weights[1])
         first, second = by_row * by_angle[:, 0] + by_column * by_angle[:, 1]

@@ -97,7 +97,7 @@ def open_dataset(path: Path | str, **options: Any) -> Any:
     """Open a file, or GDAL's text of a virtual one, by rasterio without its warnings."""
     rasterio = load_rasterio()
     with warnings.catch_warnings():
-        # a map without georeferencing is refused below, with what to do about it
+        # a map without georeferencing is refused below, with the remedy
         warnings.simplefilter("ignore", rasterio.errors.NotGeoreferencedWarning)
         # GDAL's messages repeat a label, and where it is not UTF-8 Python would show a traceback
         hook, sys.unraisablehook = sys.unraisablehook, lambda _: None
@@ -170,7 +170,7 @@ def _tiff_bytes(stream: BinaryIO) -> int:
 
 
 def _png_bytes(stream: BinaryIO) -> int:
-    """Length of a PNG file that holds all its chunks, the last of which is IEND."""
+    """Length of a complete PNG file, to the end of its chunk IEND."""
     place, kind = 8, b""
     while kind != b"IEND":
         stream.seek(place)

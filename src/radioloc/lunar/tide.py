@@ -27,7 +27,7 @@ from radioloc.lunar.frames import rot_pa_to_me
 from radioloc.vectors import Floats, dot, length, normalized
 
 # Mean of (a / R)^3 u u^T for the direction u and distance R of the Earth and the Sun, in mean-Earth axes over
-# four nodal periods of 18.6 years from 1969 (DE421); what is off the diagonal, below 2e-4, is 0.2 mm of
+# four nodal periods of 18.6 years from 1969 (DE421); elements off the diagonal, below 2e-4, are 0.2 mm of
 # displacement.
 _EARTH_DISTANCE_M = 384399.0e3
 _EARTH_MEAN = np.diag([0.991596, 0.006339, 0.006820])

@@ -162,7 +162,7 @@ class Medium(Protocol):
         """Elevations at which the validity of the model ends or the delay is not smooth."""
 
     def prepare(self, end: LegEnd) -> Any:
-        """Prepare what does not depend on the target's position: ``None``, or a record of arrays with a row per leg.
+        """Prepare the part independent of the target's position: ``None``, or a record of arrays with a row per leg.
 
         Raise :class:`CoverageError` or :class:`InputError` for a station or epoch without data of the medium.
         """
@@ -199,7 +199,7 @@ def line_of_sight(
     moon_gcrs_m: Floats | None = None,
     is_craft: NDArray[np.bool_] | bool = True,
 ) -> LineOfSight:
-    """Sum the delays of legs by media, with what each prepared, by name; the first failed status of a leg counts."""
+    """Sum the delays of legs by media from their prepared data, by name; the first failed status of a leg counts."""
     # `moon_gcrs_m`, shape (n, 3): geocentric Moon, which hides targets that are spacecraft; None without spacecraft.
     n = len(leg)
     delay_m, rate_m_s, by_elevation_m_rad, by_zenith_wet = sums = np.zeros((4, n))

@@ -58,7 +58,7 @@ class KalmanFilter:
     sign: Floats  # (n, k), with which it has it
     decay: Floats  # (n, s), of the processes since the row before
     gain: Floats  # (n, s)
-    scale: Floats  # (n,), one over the standard deviation of the innovation; zero of what follows from earlier rows
+    scale: Floats  # (n,), one over the standard deviation of the innovation; zero for rows that earlier ones determine
 
     @classmethod
     def of(

@@ -127,7 +127,7 @@ class ParameterKind:
     def keys(self) -> dict[str, str]:
         """Keys in a study file, such as ``range_bias``, ``range_bias_m``, ``range_bias_sigma_m``, ``range_bias_per``.
 
-        By what they give: names, value, sigma, per.
+        By role: names, value, sigma, per.
         """
         unit = "" if self.unit == "1" else f"_{self.unit.replace('/', '_')}"
         return {

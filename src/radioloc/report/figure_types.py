@@ -42,7 +42,7 @@ class FigureType:
         Function of the result, and of ``ax`` if the figure can be drawn in axes given, that returns the figure, several
         of one kind, or None if the result has nothing to draw.
     caption : str
-        What the figure shows, for readers who do not see it.
+        Text alternative of the figure.
     section : str
         Section of the page.
     file : str

@@ -1,4 +1,4 @@
-"""Residuals over time, by station or by link, and over their sigmas; what each term of the model adds."""
+"""Residuals over time, by station or by link, and over their sigmas; effects of the terms of the model."""
 
 from __future__ import annotations
 

@@ -83,7 +83,7 @@ class ArcSummary:
     sigma_m: tuple[float, ...]  # median of the claimed sigma, by the axes
     rms_horizontal_m: float  # rms of the horizontal error
     radius_68_m: float  # horizontal distance from the truth that 68 % of the trials do not exceed
-    radius_95_m: float  # likewise 95 %
+    radius_95_m: float  # the same for 95 %
     coverage: dict[str, Coverage]  # by the axes, of the horizontal 95 % ellipse, and of the state of an orbit
     nees: Nees  # of the position in space
     nees_horizontal: Nees  # of the position on the sphere

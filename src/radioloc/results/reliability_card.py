@@ -21,7 +21,7 @@ _TIME_UNITS = ((1e-6, 1e9, "ns"), (1e-3, 1e6, "us"), (1.0, 1e3, "ms"))  # upper 
 
 
 def reliability_lines(items: Sequence[Reliability]) -> Iterator[str]:
-    """Yield the smallest errors that are found, the largest effect of an unfound one, and what is not revealed."""
+    """Yield the minimal detectable biases, the largest effect of an undetected one, and unrevealed errors."""
     faults = [item for item in items if _is_fault(item)]
     sizes = []
     for kind in _KINDS:

@@ -1,4 +1,4 @@
-"""Results: what every result of a job offers, and the declaration of a type of results.
+"""Base class of the results of jobs, and the declaration of a type of results.
 
 A result class derives from :class:`Result`. A :class:`ResultType` registers it, with the names of its figures
 (:class:`radioloc.report.figure_types.FigureType`), so that the output folder, the page and the command line show it.

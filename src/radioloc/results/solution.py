@@ -123,7 +123,7 @@ class Solution(Result):
     notes : tuple of str
         Sentences on the data and the model that call for an action.
     limitations : tuple of str
-        Sentences on what the model does not contain, and the sources of its media.
+        Sentences on effects that are not modelled, and the sources of the media.
     provenance : mapping
         Kernels with their hashes, tables, versions, settings.
     consider : Consider or None

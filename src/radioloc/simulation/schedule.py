@@ -207,7 +207,7 @@ class Schedule:
         return self.planner(model).plan(target_pa_m, target)
 
     def planner(self, model: PhysicalModel) -> Planner:
-        """Return what plans for several targets, one after another, have in common."""
+        """Return the parts that consecutive plans for several targets have in common."""
         if not self.sessions:
             raise InputError("a schedule needs at least one session")
         return Planner(self, model)
@@ -292,7 +292,7 @@ class Planner:
 def _tracked(
     session: Session, model: PhysicalModel, targets: Mapping[str, Target]
 ) -> list[tuple[str, Target | AtInfinity]]:
-    """Return the names and places of what a session tracks."""
+    """Return the names and places of a session's targets."""
     if session.source:
         name = canonical_target(session.source)
         if name not in model.sources:

@@ -95,7 +95,7 @@ class Simulated:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class World:
-    """Simulated world without noise, of which any number of realizations can be drawn."""
+    """Simulated world without noise; any number of realizations can be drawn from it."""
 
     scenario: Scenario
     plan: Plan

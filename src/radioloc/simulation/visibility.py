@@ -197,7 +197,7 @@ class StationFrames:
 
 
 def direction_of(motion: TargetMotion) -> Target:
-    """Return what antennas point at: the position of a point on the Moon, or a trajectory."""
+    """Return the tracked target: the position of a point on the Moon, or a trajectory."""
     return motion.position_pa_m if motion.trajectory is None else motion.trajectory
 
 

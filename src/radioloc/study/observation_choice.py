@@ -50,7 +50,7 @@ class ObservationChoice:
         Counts of integrated Doppler and delay rates that follow each other without gaps, of one path and frequency, are
         summed over this interval, s.
     extra_sigma_m : float
-        Error of the model and of the instruments beyond what the files state, added in quadrature to each stated
+        Error of the model and of the instruments beyond the stated sigmas, added in quadrature to each stated
         sigma, m; of ranges and Doppler that of the round trip.
     tdm : TdmAgreement
         Agreements on Tracking Data Messages: sigmas, whether RANGE is halved, ...

@@ -194,7 +194,7 @@ class TomlTable:
             raise InputError(f"{self.path}: {prefix}{error}") from None
 
     def replaced(self, record: _Record) -> _Record:
-        """Return a record with other values of the keys of the table, all of which are its fields."""
+        """Return a record with other values of the table's keys; each key is a field."""
         kinds = get_type_hints(type(record), include_extras=True)
         fields = {key: self.get(key, kinds[key]) for key in kinds}
         self.finish()

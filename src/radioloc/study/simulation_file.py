@@ -33,7 +33,7 @@ _TRUTH_SIGMA_KEYS = {"position_enu_m": tuple[float, float, float], "gravity_erro
 def scenario(
     table: TomlTable, position: TargetRecord | Mapping[str, TargetRecord], catalogue: StationCatalogue
 ) -> Scenario:
-    """Read ``[simulation]``, of which `position`, the true positions or orbits, has been taken."""
+    """Read ``[simulation]`` without `position`, the true positions or orbits, which are read separately."""
     seed, name = table.get("seed", int), table.get("name", str)
     sessions, truth, truth_sigma, noise = (
         table.table(key) for key in ("sessions", "truth", "truth_sigma", "noise")

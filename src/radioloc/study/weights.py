@@ -32,7 +32,7 @@ class Weight:
     type : str or iterable of str, or None
         Kinds of measurement, of :data:`~radioloc.measurements.registry.KINDS`; all where ``None``.
     stations : str or iterable of str, or None
-        Stations one of which is an end of the path; all where ``None``.
+        Stations at either end of the path; all where ``None``.
     files : str or iterable of str, or None
         Names or globs of the files that the observations came from; all where ``None``.
     sigma_m : float or None

@@ -68,7 +68,7 @@ class ObservationModel:
 
     @property
     def estimated_indices(self) -> list[int]:
-        """Indices of the targets of which a parameter is estimated."""
+        """Indices of the targets with estimated parameters."""
         return [
             k
             for k, target in enumerate(self.targets)
@@ -135,7 +135,7 @@ class ObservationModel:
         return partials
 
     def local_partials(self, x: Floats, tdb: Epochs, target: int = 0) -> Floats:
-        """Return the partials of what is estimated of a target by all parameters, (q, d, p), along its axes."""
+        """Return the partials of a target's position or state along its axes by all parameters, (q, d, p)."""
         columns, rot = self.columns_of(target), rot_pa_to_me(self.predictor.model.ephemeris.constants)
         by_x = self.targets[target].local_partials(x[columns], tdb, rot)
         partials = np.zeros((*by_x.shape[:2], len(self.parameters)))

@@ -1,4 +1,4 @@
-"""A spacecraft on a known trajectory, of which nothing is estimated."""
+"""A spacecraft on a known trajectory, without estimated parameters."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class KnownTrajectory(WithoutForces):
 
     @property
     def local_axes(self) -> tuple[str, str, str]:
-        """East, north and up, of which none is estimated."""
+        """East, north and up; no component is estimated."""
         return EAST_NORTH_UP
 
     @property

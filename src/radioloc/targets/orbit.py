@@ -22,10 +22,10 @@ from radioloc.time import Epochs
 from radioloc.vectors import Floats, rtn_axes
 
 RTN = ("radial_m", "along_m", "across_m", "radial_m_s", "along_m_s", "across_m_s")
-"""The state as what it differs by from that a priori, along fixed axes: those of the orbit at the epoch."""
+"""Corrections of the a-priori state along fixed axes, those of the orbit at the epoch."""
 _FORCE_UNITS = {"gm": ("m3/s2", 1e3), "k2": ("1", 1e-3), "radiation": ("m2/kg", 1e-3)}
 """Units of the forces' own numbers, and a change that moves observations by about a metre in a day."""
-_ORBIT_SIZE_M = 2e6  # that of an orbit, for what moves a spacecraft by a metre
+_ORBIT_SIZE_M = 2e6  # of an orbit; scales parameters to the effect of one metre
 
 
 Seed = int | np.random.Generator
@@ -182,7 +182,7 @@ def orbit_parameters(
 def _state(
     orbit: AdjustableOrbit, form: str
 ) -> tuple[dict[str, tuple[str, float]], Floats, Callable[[Floats], tuple[Floats, Floats]]]:
-    """Names of the state's parameters with units and scales, values, and what they make: the state and its partials."""
+    """Names of the state's parameters with units and scales, their values, and the state with its partials."""
     of_lengths = [("m", 1.0)] * 3 + [("m/s", 1e-3)] * 3
     if form == "cartesian":
         return dict(zip(STATE, of_lengths, strict=True)), orbit.state, lambda x: (x, np.eye(6))

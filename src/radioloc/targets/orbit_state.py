@@ -21,7 +21,7 @@ from radioloc.vectors import Floats, rtn_axes
 
 RTN = ("radial", "along", "across")
 ALONG_ACROSS_RADIAL = ("along", "across", "radial")
-"""Axes of errors of an orbit, of which the first two are horizontal, as of a place."""
+"""Axes of errors of an orbit; the first two are horizontal, as those of a place."""
 LOCAL_LEVEL = [
     1,
     2,

@@ -136,7 +136,7 @@ def with_position_priors(
 def _displaced(
     function: PositionFunction, turned: Floats, values: Floats, x: Floats
 ) -> tuple[Floats, Floats]:
-    """Position and its partials (3, p) by p independent parameters x, of which the last three are its own."""
+    """Position and its partials (3, p) by p independent parameters x; the last three belong to this target."""
     place_m, partials = function(values[-3:] + turned @ (x - values))
     return place_m, partials @ turned
 

@@ -1,4 +1,4 @@
-"""Protocol of targets: what is located, with its parameters, its motion and its estimate."""
+"""Protocol of targets: located objects with their parameters, motion and estimate."""
 
 from __future__ import annotations
 
@@ -92,7 +92,7 @@ class Target(Protocol):
         """Names of the axes of its errors, the first two horizontal."""
 
     def local_partials(self, x: Floats, tdb: Epochs, rot_pa_to_me: Floats) -> Floats:
-        """Return the partials of what is estimated by x along the axes, shape (q, d, p).
+        """Return the partials of position or state along the axes by x, shape (q, d, p).
 
         Of a place q is 1 and d is 3, m. Of an orbit q is the number of epochs (TDB) and d is 6, m and m/s.
         """

@@ -189,7 +189,7 @@ class _KvnReader:
         return [(*read, number)]
 
     def require_printable(self, line: str, number: int) -> None:
-        """Refuse a line with what is not printable ASCII."""
+        """Refuse a line with characters that are not printable ASCII."""
         # Tabs violate the standard, but are unambiguous.
         wrong = next((c for c in line if not (c.isascii() and (c.isprintable() or c == "\t"))), None)
         if wrong is not None:

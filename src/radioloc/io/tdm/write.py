@@ -79,7 +79,7 @@ def write_tdm(
     path : path-like
         The file; an existing one is replaced.
     observations : Observations
-        What to write.
+        Observations to write.
     originator : str
         Agency that makes the message.
     creation_date : str, optional

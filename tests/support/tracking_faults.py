@@ -608,7 +608,7 @@ OUTCOMES = {
     "culprit first": "converged, beyond 3.4 sigmas, the culprit is named first",
     "culprit among others": "converged, beyond 3.4 sigmas, the culprit is named after others",
     "mentioned": "converged, beyond 3.4 sigmas, the culprit is mentioned in notes or warnings only",
-    "not revealed": "converged, beyond 3.4 sigmas, the card states that such an error may stay unfound",
+    "not revealed": "converged, beyond 3.4 sigmas, the card states that such an error may be undetected",
     "wrong culprit": "converged, beyond 3.4 sigmas, others are named",
     "silent": "converged, beyond 3.4 sigmas, unnamed and unmentioned",
     "refused, culprit first": "exit status 2 or 3, the culprit is named first",
@@ -670,8 +670,8 @@ def run(world: World, fault: Fault, seed: int) -> Outcome:
 
 
 def _unrevealed(solution: radioloc.Solution) -> str:
-    """Return the errors that may stay unfound, and those that the data do not reveal, as the card states them."""
-    reliability = str(solution).partition("may stay unfound")[2]
+    """Return the undetected errors, and those that the data do not reveal, as the card states them."""
+    reliability = str(solution).partition("effect of an undetected error")[2]
     return re.split(r"\n\w", reliability)[0]
 
 

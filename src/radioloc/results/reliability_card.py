@@ -30,11 +30,11 @@ def reliability_lines(items: Sequence[Reliability]) -> Iterator[str]:
             item = min(revealed, key=lambda fault: fault.minimal)
             sizes.append(f"{source_name(kind)} {_amount(item.minimal, item.unit)}{_owner(item)}")
     if sizes:
-        yield f"smallest errors found (with {100 * POWER:.0f} %): {', '.join(sizes[:_MAX_KINDS])}"
+        yield f"smallest detectable errors (power {100 * POWER:.0f} %): {', '.join(sizes[:_MAX_KINDS])}"
     if shifting := [(item.shift_m, item) for item in faults if item.shift_m is not None and item.revealed]:
         shift_m, item = max(shifting, key=lambda pair: pair[0])
         size = _amount(item.minimal, item.unit)
-        yield f"largest effect of an error that may stay unfound: {metres(shift_m)} m ({_name(item)}, {size})"
+        yield f"largest effect of an undetected error: {metres(shift_m)} m ({_name(item)}, {size})"
     if hidden := [text for item in faults if not item.revealed for text in _hidden(item)]:
         yield f"not revealed: {', '.join(first_lines(hidden, _MAX_HIDDEN))}"
 

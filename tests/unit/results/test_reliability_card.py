@@ -24,7 +24,7 @@ def test_the_smallest_error_of_each_kind_and_the_largest_effect_are_named():
     )
     assert (
         sizes
-        == "smallest errors found (with 80 %): clock 2 ns (C), range bias 3 m (B), time bias 5 ms (common)"
+        == "smallest detectable errors (power 80 %): clock 2 ns (C), range bias 3 m (B), time bias 5 ms (common)"
     )
     assert effect.endswith("120 m (common time bias, 5 ms)")
     assert hidden == "not revealed: transponder delay (0.150 m of position per ns)"
@@ -36,7 +36,7 @@ def test_hidden_errors_without_effect_on_the_position_are_not_named():
 
 def test_moving_targets_have_no_shift_of_a_position():
     lines = [*reliability_lines([item("range_bias.A", 4.0, shift_m=None, per_unit_m=None)])]
-    assert lines == ["smallest errors found (with 80 %): range bias 4 m (A)"]
+    assert lines == ["smallest detectable errors (power 80 %): range bias 4 m (A)"]
 
 
 def test_offsets_of_links_and_components_are_named():

@@ -5,7 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from radioloc.estimation import Parameter, ParameterSet, fit_with_editing
+from radioloc.estimation import Parameter, ParameterSet
+from radioloc.estimation.editing import fit_with_editing
 from radioloc.estimation.least_squares import fit_least_squares
 from radioloc.estimation.observability import assess_observability
 

@@ -5,8 +5,10 @@ import pytest
 from delay_network import DelayNetwork
 from quick import some
 
-from radioloc.estimation import Labels, fit_with_editing, fit_with_variance_components
+from radioloc.estimation import Labels
+from radioloc.estimation.editing import fit_with_editing
 from radioloc.estimation.series import SeriesOrder
+from radioloc.estimation.variance_components import fit_with_variance_components
 from radioloc.simulation.noise import gauss_markov
 
 RUNS = 400

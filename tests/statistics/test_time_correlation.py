@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from toy_moon import EPOCH_JD, LANDER_M, ToyMoon
 
-from radioloc.estimation import fit_with_variance_components
+from radioloc.estimation.variance_components import fit_with_variance_components
 from radioloc.results.build import build_solution
 from radioloc.simulation.noise import gauss_markov
 from radioloc.time import Epochs

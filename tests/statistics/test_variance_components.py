@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from quick import some
 
-from radioloc.estimation import Labels, Parameter, ParameterSet, fit_with_variance_components
+from radioloc.estimation import Labels, Parameter, ParameterSet
 from radioloc.estimation.series import SeriesOrder
+from radioloc.estimation.variance_components import fit_with_variance_components
 
 N = 60
 TRIALS = 300

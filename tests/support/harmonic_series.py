@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from radioloc.estimation import Labels, Parameter, ParameterSet, fit_with_variance_components
+from radioloc.estimation import Labels, Parameter, ParameterSet
 from radioloc.estimation.series import SeriesOrder
+from radioloc.estimation.variance_components import fit_with_variance_components
 from radioloc.results import Solution
 from radioloc.results.build import build_solution
 from radioloc.time import Epochs

@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.estimation import Parameter, ParameterSet, fit_with_editing
+from radioloc.estimation import Parameter, ParameterSet
+from radioloc.estimation.editing import fit_with_editing
 from radioloc.results import Solution
 from radioloc.results.build import build_solution, compare_with
 from radioloc.time import Epochs

@@ -5,7 +5,6 @@ from radioloc.dynamics.adjustable import AdjustableOrbit
 from radioloc.dynamics.elements import elements_from_state, state_from_elements
 from radioloc.dynamics.forces import BODIES, Acceleration, Forces, Impulse
 from radioloc.dynamics.gravity import GravityField
-from radioloc.dynamics.gravity_errors import draw_gravity_errors, gravity_error_effects
 from radioloc.dynamics.orbit import STATE, Orbit
 from radioloc.dynamics.propagation import propagate
 
@@ -20,9 +19,7 @@ __all__ = [
     "Orbit",
     "acceleration_sizes",
     "acceleration_terms",
-    "draw_gravity_errors",
     "elements_from_state",
-    "gravity_error_effects",
     "propagate",
     "state_from_elements",
 ]

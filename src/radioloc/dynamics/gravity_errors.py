@@ -12,7 +12,6 @@ from radioloc.dynamics.perturbations import Perturbations
 from radioloc.ephemeris import LunarOrientation
 from radioloc.errors import InputError
 from radioloc.lunar import rot_between, rot_icrf_to_pa
-from radioloc.quantities import EpochsLike, accepts_quantities
 from radioloc.time import Epochs
 from radioloc.vectors import Floats
 
@@ -23,35 +22,11 @@ _BLOCK_SIZE = 256  # points whose harmonics are in memory together
 def draw_gravity_errors(
     field: GravityField, count: int, degree: int, seed: int | np.random.Generator = 0
 ) -> list[GravityField]:
-    """Draw errors of a gravity field; the sum of their squares has the covariance as its mean.
+    """Draw errors of a gravity field up to a degree; the sum of their squares has the covariance as its mean.
 
-    Parameters
-    ----------
-    field : GravityField
-        Up to its degree the errors have the sigmas of the coefficients. Above it they are the omitted coefficients,
-        with sigmas by Kaula's rule, proportional to 1/n^2, scaled by its last 20 degrees.
-    count : int
-        Number of draws; each is divided by its square root.
-    degree : int
-        Highest degree of the errors. At a height of 50 km degree 220 has a tenth of the acceleration of degree 150.
-    seed : int or Generator
-        Seed of the random numbers.
-
-    Returns
-    -------
-    list of GravityField
-        Errors with the GM, radius and axes of the field, without a central term.
-
-    Raises
-    ------
-    InputError
-        The degree is lower than that of the field, or the count is below 1.
-
-    Examples
-    --------
-    >>> from radioloc.dynamics import GravityField, draw_gravity_errors
-    >>> draw_gravity_errors(GravityField.open("GRGM660PRIM", degree=50), count=20, degree=60)[-1]
-    <GravityField error 20 of GRGM660PRIM to degree 60 in PA_DE421>
+    Up to the degree of the field the errors have the sigmas of the coefficients. Above it they are the omitted
+    coefficients, with sigmas by Kaula's rule, proportional to 1/n^2, scaled by its last 20 degrees. At a height of
+    50 km degree 220 has a tenth of the acceleration of degree 150.
     """
     if count < 1 or degree < field.degree or field.degree < 2:
         raise InputError(
@@ -72,55 +47,14 @@ def draw_gravity_errors(
     ]
 
 
-@accepts_quantities
-def gravity_error_effects(
-    orbit: Orbit, errors: list[GravityField], tdb: EpochsLike, *, libration: LunarOrientation | None = None
-) -> Floats:
-    """Compute changes of an orbit's states at epochs of TDB by gravity field errors, m and m/s, shape (n, 6, n_errors).
-
-    Parameters
-    ----------
-    orbit : Orbit
-        Orbit with partials by its state at the epoch, which the errors do not change.
-    errors : list of GravityField
-        Additions to the field, all to the same degree (:func:`draw_gravity_errors`).
-    tdb : Epochs
-        Epochs within the orbit.
-    libration : LunarOrientation, optional
-        Orientation of the Moon; DE421 by default.
-
-    Raises
-    ------
-    InputError
-        The orbit lacks partials, or the list of errors is empty or has several degrees.
-    CoverageError
-        An epoch is outside of the orbit.
-
-    Notes
-    -----
-    With the state transition matrix F from the epoch, the change is F(t) times the integral of F(s)^-1 (0, a(s)) for
-    accelerations a by the error along the orbit (Montenbruck and Gill 2000, section 7.1), by Simpson's rule.
-
-    Examples
-    --------
-    >>> from radioloc.dynamics import Forces, GravityField, draw_gravity_errors, gravity_error_effects, propagate
-    >>> from radioloc.time import epochs_from_strings
-    >>> epoch, field = epochs_from_strings("2012-04-09T04:30:00", "TDB"), GravityField.open("GRGM660PRIM", degree=60)
-    >>> state = [575750.0, -463261.0, -1631634.0], [-567.855, 1434.222, -600.22]
-    >>> orbit = propagate(epoch, *state, Forces(field), (0, 7200), parameters=())
-    >>> effects = gravity_error_effects(orbit, draw_gravity_errors(field, 4, 80), epoch.shifted(7200.0))
-    >>> effects.shape
-    (1, 6, 4)
-    """
-    if len({error.degree for error in errors}) != 1:
-        raise InputError("errors: expected fields of the same degree, as from draw_gravity_errors")
-    return gravity_perturbations(orbit, errors, libration or LunarOrientation.open()).state_changes(tdb)
-
-
 def gravity_perturbations(
     orbit: Orbit, errors: list[GravityField], libration: LunarOrientation
 ) -> Perturbations:
-    """Return the perturbations of an orbit by gravity field errors."""
+    """Return the perturbations of an orbit with partials by gravity field errors, all to one degree.
+
+    With the state transition matrix F from the epoch, the change of the state is F(t) times the integral of
+    F(s)^-1 (0, a(s)) for accelerations a by the error along the orbit (Montenbruck and Gill 2000, section 7.1).
+    """
 
     def accelerations(tdb: Epochs) -> Floats:
         rot = rot_between(libration.frame, errors[0].frame) @ rot_icrf_to_pa(libration.angles(tdb)[0])

@@ -1,16 +1,14 @@
 """Fits of parameters to observations, and their uncertainty.
 
-A :class:`ParameterSet` names what is solved for; :func:`fit_with_editing` fits it to residuals without outliers;
+A :class:`ParameterSet` names what is solved for; ``radioloc.estimation.editing`` fits it to residuals without outliers;
 ``radioloc.results.build`` makes a :class:`~radioloc.results.Solution` of the outcome.
 """
 
 from radioloc.estimation.combination import Ellipse, ReferenceComparison
-from radioloc.estimation.editing import fit_with_editing
 from radioloc.estimation.gauss_markov import SeriesCorrelation, SeriesWeight, TimeCorrelation
 from radioloc.estimation.observability import Correlation, Direction, Observability
 from radioloc.estimation.statistics import FitStatistics, GroupStatistics, Residuals
 from radioloc.estimation.status import FitStatus
-from radioloc.estimation.variance_components import fit_with_variance_components
 from radioloc.labels import USED, Labels
 from radioloc.parameters.parameter import Parameter, ParameterSet
 
@@ -31,6 +29,4 @@ __all__ = [
     "SeriesCorrelation",
     "SeriesWeight",
     "TimeCorrelation",
-    "fit_with_editing",
-    "fit_with_variance_components",
 ]

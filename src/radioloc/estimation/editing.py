@@ -112,52 +112,11 @@ def fit_with_editing(
     previous: EditedFit | None = None,
     start: Floats | None = None,
 ) -> EditedFit:
-    """Fit parameters and reject outliers.
+    """Fit parameters and reject outliers, observations whose residuals exceed a threshold in expected sigmas.
 
-    A robust estimate (:func:`~radioloc.estimation.robust.robust_start`) gives the first selection. Fit and selection
-    then alternate until the selection stays the same. The limit of residuals scales with the median spread of all
-    usable observations, so rejections do not tighten it. Observations with shared errors are compared with their
-    total standard deviation.
-
-    Parameters
-    ----------
-    residual_function : callable
-        As for :func:`~radioloc.estimation.least_squares.fit_least_squares`.
-    parameters : ParameterSet
-        Parameters with their a-priori values.
-    sigma_m : array_like, shape (n,) or (), or ObservationCovariance
-        Stated standard deviations of the observations, m, or their covariance if they share errors.
-    status : array_like of str, shape (n,), or Labels, optional
-        Reason why an observation is not usable, such as ``"below the horizon"``; :data:`USED` or an empty text for
-        the others.
-    threshold : float or None
-        Largest residual of a used observation in expected sigmas. The expected sigma is the stated one, times the
-        spread of all residuals if that exceeds 1. ``None`` rejects no observation.
-    previous : EditedFit, optional
-        Fit of the same observations with other sigmas, as the start in place of a robust estimate.
-    start : ndarray, shape (p,), optional
-        Start of the robust estimate, by default the a-priori values.
-
-    Returns
-    -------
-    EditedFit
-
-    Raises
-    ------
-    InputError
-        The threshold is below 2; other errors as for :func:`~radioloc.estimation.least_squares.fit_least_squares`.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from radioloc.estimation import Parameter, ParameterSet, fit_with_editing
-    >>> parameters = ParameterSet([Parameter("offset", "m", "bias"), Parameter("drift", "m/h", "bias")])
-    >>> hours = np.arange(20.0)
-    >>> design = np.column_stack([np.ones(20), hours])
-    >>> observed = 3.0 + 0.5 * hours + 0.01 * np.cos(2.0 * hours) + 9.0 * (hours == 7.0)
-    >>> edited = fit_with_editing(lambda x: (observed - design @ x, design), parameters, sigma_m=0.01)
-    >>> edited.fit.x.round(2).tolist(), np.flatnonzero(~edited.fit.used).tolist()
-    ([3.0, 0.5], [7])
+    A robust estimate, or `previous`, gives the first selection. Fit and selection then alternate until the selection
+    stays the same. The limit of residuals scales with the median spread of all usable observations, so rejections do
+    not tighten it. `status` has the reasons why observations are not usable; without a threshold none is rejected.
     """
     if threshold is not None and not threshold >= _MIN_THRESHOLD:
         raise InputError(f"threshold: expected {_MIN_THRESHOLD:g} sigmas or more, got {threshold}")

@@ -46,37 +46,12 @@ def fit_with_variance_components(
     threshold: float | None = THRESHOLD,
     start: Floats | None = None,
 ) -> EditedFit:
-    """Fit with editing and estimate additive variance components from the residuals.
+    """Fit with editing and estimate additive variance components of types, stations and links, or of given groups.
 
-    Parameters and errors are those of :func:`~radioloc.estimation.editing.fit_with_editing`, and:
-
-    Parameters
-    ----------
-    order : SeriesOrder, optional
-        Types, paths and times of the observations. Each type has a component, and so has each station or link whose
-        residuals differ significantly from those of its type (:mod:`~radioloc.estimation.noise_structure`). All
-        observations have one component by default.
-    groups : Labels, optional
-        Groups that have a component each, in place of types, stations and links.
-
-    Notes
-    -----
     A component is zero unless the reduced chi-square exceeds its 99.9 % quantile. Fits and components alternate until
     the components settle; rejected observations do not contribute and may be re-admitted. Without it a few strong laser
     ranges, of stated millimetres, determine the estimate, and errors of the model of centimetres exceed the sigmas
     tenfold (`tests/statistics/test_variance_components.py`).
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from radioloc.estimation import Parameter, ParameterSet, fit_with_variance_components
-    >>> parameters = ParameterSet([Parameter("offset", "m", "bias"), Parameter("drift", "m/h", "bias")])
-    >>> hours = np.arange(20.0)
-    >>> design = np.column_stack([np.ones(20), hours])
-    >>> observed = 3.0 + 0.5 * hours + np.cos(2.0 * hours)
-    >>> edited = fit_with_variance_components(lambda x: (observed - design @ x, design), parameters, 0.01)
-    >>> {kind: round(sigma_m, 1) for kind, sigma_m in edited.additive_sigma_m.items()}
-    {'all': 0.8}
     """
     edited = fit_with_editing(
         residual_function, parameters, sigma_m, status=status, threshold=threshold, start=start

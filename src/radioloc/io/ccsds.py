@@ -45,8 +45,6 @@ def write_oem(
     *,
     originator: str,
     step_s: float = 3600.0,
-    object_id: str = "UNKNOWN",
-    creation_date: str | None = None,
 ) -> Path:
     """Write the inertial states of a lander as an OEM in KVN, with the covariance at the first epoch."""
     # With the position r in principal axes, without tides, and the rotation R to the ICRF, states are (R r, R' r).
@@ -61,10 +59,10 @@ def write_oem(
     at_first = None
     if covariance_pa_m2 is not None:
         at_first = dates[0], to_icrf[0] @ covariance_pa_m2 @ to_icrf[0].T
-    metadata = _metadata(content["name"], object_id, "UTC")
+    metadata = _metadata(content["name"], "UTC")
     comment = f"a point fixed in {pa['frame']}, without tides"
     segment = _segment(metadata, dates, states, _POINT_DEGREE, at_first, comment)
-    return _write(path, "OEM", originator, creation_date, segment)
+    return _write(path, "OEM", originator, segment)
 
 
 @accepts_quantities
@@ -74,9 +72,7 @@ def write_orbit_oem(
     *,
     originator: str,
     step_s: float = 15.0,
-    object_id: str = "UNKNOWN",
     covariance: ArrayLike | None = None,
-    creation_date: str | None = None,
 ) -> Path:
     """Write an orbit as an Orbit Ephemeris Message, in KVN: Moon-centred, axes of the ICRF, TDB.
 
@@ -88,10 +84,6 @@ def write_orbit_oem(
         One orbit, or several that follow each other. A segment ends where an impulse or thrust begins or ends.
     originator : str
         Agency that makes the message.
-    object_id : str
-        International designator, such as ``"2020-087B"``.
-    creation_date : str, optional
-        UTC date of the message; now by default.
     step_s : float
         Interval between states, s, 600 at most.
     covariance : array_like, shape (6, 6), optional
@@ -119,9 +111,9 @@ def write_orbit_oem(
         at_epoch = None
         if covariance is not None and times_s[0] <= 0.0 <= times_s[-1]:
             at_epoch, covariance = (str(utc_strings(part.epoch, 9)[0]), covariance), None
-        metadata = _metadata(part.name, object_id, "TDB")
+        metadata = _metadata(part.name, "TDB")
         lines += _segment(metadata, dates, states_km(part, times_s), _ORBIT_DEGREE, at_epoch)
-    return _write(path, "OEM", originator, creation_date, lines)
+    return _write(path, "OEM", originator, lines)
 
 
 @accepts_quantities
@@ -130,9 +122,7 @@ def write_orbit_opm(
     orbit: Orbit,
     *,
     originator: str,
-    object_id: str = "UNKNOWN",
     covariance: ArrayLike | None = None,
-    creation_date: str | None = None,
 ) -> Path:
     """Write an orbit's state at its epoch and its impulses as an Orbit Parameter Message, in KVN.
 
@@ -150,7 +140,7 @@ def write_orbit_opm(
     'orbit.opm'
     """
     (state,) = states_km(orbit, np.zeros(1))
-    fields = _metadata(orbit.name, object_id, "TDB") | {"EPOCH": str(utc_strings(orbit.epoch, 9)[0])}
+    fields = _metadata(orbit.name, "TDB") | {"EPOCH": str(utc_strings(orbit.epoch, 9)[0])}
     names = ["X", "Y", "Z", "X_DOT", "Y_DOT", "Z_DOT"]
     fields |= {name: f"{x:.12f}" for name, x in zip(names, state, strict=True)}
     if covariance is not None:
@@ -168,7 +158,7 @@ def write_orbit_opm(
             }
             | {f"MAN_DV_{k}": f"{dv / M_PER_KM:.12f}" for k, dv in enumerate(impulse.delta_v_m_s, 1)}
         )
-    return _write(path, "OPM", originator, creation_date, lines)
+    return _write(path, "OPM", originator, lines)
 
 
 def write_residuals_tdm(
@@ -177,7 +167,6 @@ def write_residuals_tdm(
     observations: Observations,
     *,
     originator: str,
-    creation_date: str | None = None,
 ) -> Path:
     """Write residuals as a Tracking Data Message in KVN.
 
@@ -193,8 +182,8 @@ def write_residuals_tdm(
         Solution with the residuals.
     observations : Observations
         Observations of the solution, row by row: those of the predictor of :func:`~radioloc.jobs.preparation.arc_of`.
-    originator, creation_date
-        As of :func:`write_orbit_oem`.
+    originator : str
+        Agency that makes the message.
 
     Raises
     ------
@@ -223,11 +212,8 @@ def write_residuals_tdm(
     unrecorded: dict[str, Any] = dict.fromkeys([*WEATHER.values(), "modulus_m"], np.full(len(rows), np.nan))
     lengths = np.zeros(len(rows), dtype=bool)  # also where cycles of ramps were observed
     residuals = replace(observations, value_m=rows.residual_m, ramped=lengths, **unrecorded)
-    header = TdmHeader(
-        creation_date or creation_date_now(),
-        originator,
-        comments=(f"{to_ascii(solution.name, _MAX_COMMENT_NAME)}: {_RESIDUALS}",),
-    )
+    comment = f"{to_ascii(solution.name, _MAX_COMMENT_NAME)}: {_RESIDUALS}"
+    header = TdmHeader(creation_date_now(), originator, (comment,))
     segments = [
         replace(segment, metadata={**segment.metadata, "DATA_QUALITY": quality}, data_comments=(_RESIDUALS,))
         for quality, chosen in (("VALIDATED", rows.used), ("DEGRADED", ~rows.used))
@@ -238,19 +224,17 @@ def write_residuals_tdm(
     return Path(path)
 
 
-def _write(
-    path: str | Path, kind: str, originator: str, creation_date: str | None, lines: Sequence[str]
-) -> Path:
-    """Write a message such as an OEM, in KVN, by default with the present date."""
-    header = _lines({"CREATION_DATE": creation_date or creation_date_now(), "ORIGINATOR": originator})
+def _write(path: str | Path, kind: str, originator: str, lines: Sequence[str]) -> Path:
+    """Write a message such as an OEM, in KVN, with the present date."""
+    header = _lines({"CREATION_DATE": creation_date_now(), "ORIGINATOR": originator})
     write_text(path, "\n".join([f"CCSDS_{kind}_VERS = 2.0", *header, *lines]) + "\n")
     return Path(path)
 
 
-def _metadata(name: str, object_id: str, scale: str) -> dict[str, str]:
+def _metadata(name: str, scale: str) -> dict[str, str]:
     """Return the object and the frame of its states: about the Moon's centre, axes of the ICRF."""
     centre = {"CENTER_NAME": "MOON", "REF_FRAME": "ICRF", "TIME_SYSTEM": scale}
-    return {"OBJECT_NAME": name, "OBJECT_ID": object_id} | centre
+    return {"OBJECT_NAME": name, "OBJECT_ID": "UNKNOWN"} | centre
 
 
 def _segment(

@@ -38,7 +38,8 @@ class TargetMotion(Protocol):
 
     @property
     def adjustable(self) -> AdjustableTrajectory | None:
-        """A-priori trajectory, if its parameters are those of the motion."""
+        """A-priori trajectory, if its parameters are those of the motion, in place of `position_pa_m`."""
+        return None
 
     @property
     def path_key(self) -> Hashable:
@@ -46,13 +47,15 @@ class TargetMotion(Protocol):
 
     def position_partials(self, tdb: Epochs) -> Floats | None:
         """Return partials of the position, ICRF axes, by parameters, (n, 3, p); None if these are `position_pa_m`."""
+        return None
 
     def restricted_to(self, first: Epochs, last: Epochs) -> TargetMotion:
-        """Return the motion restricted to an interval of TDB."""
+        """Return the motion restricted to an interval of TDB, by default the motion itself."""
+        return self
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FixedPoint:
+class FixedPoint(TargetMotion):
     """Point fixed to the Moon.
 
     Parameters
@@ -83,48 +86,22 @@ class FixedPoint:
         return None
 
     @property
-    def adjustable(self) -> None:
-        """A-priori trajectory, None as the parameters are coordinates."""
-        return None
-
-    @property
     def path_key(self) -> Hashable:
         """Key that is equal for all points."""
         return None
 
-    def position_partials(self, tdb: Epochs) -> None:
-        """Return None, as the parameters are the coordinates in principal axes."""
-        return None
-
-    def restricted_to(self, first: Epochs, last: Epochs) -> FixedPoint:
-        """Return the point itself, which is valid at all times."""
-        return self
-
 
 @dataclass(frozen=True, slots=True, eq=False)
-class TrajectoryMotion:
+class TrajectoryMotion(TargetMotion):
     """Spacecraft on a known trajectory, or at a constant offset from it in principal axes, m."""
 
     trajectory: AnyTrajectory
     position_pa_m: Floats = field(default_factory=lambda: np.zeros(3))
 
     @property
-    def adjustable(self) -> None:
-        """A-priori trajectory, None as the parameters are coordinates of an offset."""
-        return None
-
-    @property
     def path_key(self) -> Hashable:
         """Identity of the trajectory."""
         return id(self.trajectory)
-
-    def position_partials(self, tdb: Epochs) -> None:
-        """Return None, as the parameters are the coordinates of the offset."""
-        return None
-
-    def restricted_to(self, first: Epochs, last: Epochs) -> TrajectoryMotion:
-        """Return the motion itself."""
-        return self
 
 
 @dataclass(frozen=True, slots=True, eq=False)

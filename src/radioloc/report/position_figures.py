@@ -7,11 +7,9 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from radioloc.estimation.combination import ReferenceComparison, rotated_covariance
 from radioloc.lunar.local import EAST_NORTH_UP, rot_enu_between
-from radioloc.quantities import accepts_quantities
 from radioloc.report.figures import (
     COLORS,
     SCALE_95,
@@ -26,7 +24,6 @@ from radioloc.report.figures import (
     several_panels,
     style_axes,
 )
-from radioloc.results.build import compare_with
 from radioloc.results.cards import value_text
 from radioloc.results.comparison import Comparison
 from radioloc.results.monte_carlo import NORMAL_95
@@ -85,23 +82,15 @@ def _square_around(axes: Axes, corners_m: Floats, origin: str) -> float:
 
 
 @draws_names_literally
-@accepts_quantities
-def plot_position(
-    solution: Solution,
-    reference_pa_m: ArrayLike | None = None,
-    reference_name: str | None = None,
-    ax: Axes | None = None,
-) -> Figure:
+def plot_position(solution: Solution, ax: Axes | None = None) -> Figure:
     """Draw the estimate east and north of a known position, with the ellipses of one sigma and of 95 %.
+
+    The first reference of the solution is at the origin, or else the estimate; other references are marked.
 
     Parameters
     ----------
     solution : Solution
         Solution with its references; ellipses are those of the total covariance.
-    reference_pa_m : array_like, shape (3,), optional
-        Position at the origin, principal axes, m; by default the first reference of the solution, or the estimate.
-    reference_name : str, optional
-        Name of the position at the origin.
     ax : matplotlib.axes.Axes, optional
         Axes to draw in; by default those of a new figure.
 
@@ -125,8 +114,6 @@ def plot_position(
     if not (solution.position_estimated and solution.position_determined):
         raise NothingToDrawError("expected a position that is estimated and determined")
     references = solution.all_references
-    if reference_pa_m is not None:
-        references.insert(0, compare_with(solution, reference_pa_m, reference_name or "reference"))
     origin_m = np.array([references[0].east_m, references[0].north_m] if references else [0.0, 0.0])
     others_m = [origin_m - (place.east_m, place.north_m) for place in references]
     sigmas_m = solution.sigma_enu_m()

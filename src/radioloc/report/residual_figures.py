@@ -289,8 +289,8 @@ def plot_terms(terms: Mapping[str, Floats], observations: Observations, ax: Axes
         Computed value less the computed value without the term, m, from ``terms()`` of a predictor.
     observations : Observations
         Observations of the terms, in the same order.
-    ax : matplotlib.axes.Axes, optional
-        Axes of a grid in whose place the panels are drawn.
+    ax
+        As of :func:`plot_residuals`.
 
     Returns
     -------

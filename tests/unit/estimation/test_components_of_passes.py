@@ -8,9 +8,10 @@ import pytest
 
 import radioloc
 from radioloc import Study
-from radioloc.estimation import Labels, Parameter, ParameterSet, fit_with_variance_components
+from radioloc.estimation import Labels, Parameter, ParameterSet
 from radioloc.estimation.noise_structure import by_link
 from radioloc.estimation.series import SeriesOrder
+from radioloc.estimation.variance_components import fit_with_variance_components
 from radioloc.measurements import PhysicalModel
 from radioloc.study import EstimateChoice
 

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from delay_network import DelayNetwork
 
-from radioloc.estimation import Labels, Parameter, ParameterSet, fit_with_editing, observability
+from radioloc.estimation import Labels, Parameter, ParameterSet, observability
+from radioloc.estimation.editing import fit_with_editing
 from radioloc.estimation.gauss_markov import SeriesNoise
 from radioloc.estimation.linearization import DenseLinearization, covariance_of, factorize
 from radioloc.estimation.series import CorrelatedWhitener, SeriesOrder, independent_series

@@ -3,7 +3,8 @@ import pytest
 from toy_moon import LANDER_M, ToyMoon
 
 from radioloc.errors import InputError
-from radioloc.estimation import USED, FitStatus, Labels, Parameter, ParameterSet, editing, fit_with_editing
+from radioloc.estimation import USED, FitStatus, Labels, Parameter, ParameterSet, editing
+from radioloc.estimation.editing import fit_with_editing
 from radioloc.estimation.least_squares import fit_least_squares
 from radioloc.estimation.series import SeriesOrder
 from radioloc.estimation.statistics import robust_scale

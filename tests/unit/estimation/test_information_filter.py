@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from radioloc.dynamics.stochastic import ACROSS, AFTER, BEFORE, StochasticAccelerations
-from radioloc.estimation import Parameter, ParameterSet, fit_with_editing
+from radioloc.estimation import Parameter, ParameterSet
+from radioloc.estimation.editing import fit_with_editing
 from radioloc.estimation.least_squares import fit_least_squares
 from radioloc.estimation.linearization import DenseLinearization
 from radioloc.estimation.variance_components import mean_leverage

@@ -11,14 +11,10 @@ import pytest
 from delay_network import DelayNetwork
 from harmonic_series import Series, solved
 
-from radioloc.estimation import (
-    Parameter,
-    ParameterSet,
-    fit_with_editing,
-    fit_with_variance_components,
-    robust,
-)
+from radioloc.estimation import Parameter, ParameterSet, robust
+from radioloc.estimation.editing import fit_with_editing
 from radioloc.estimation.least_squares import fit_least_squares
+from radioloc.estimation.variance_components import fit_with_variance_components
 from radioloc.noise import ObservationCovariance, White, whitening
 
 PARTS = 1e-12

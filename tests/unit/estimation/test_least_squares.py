@@ -3,7 +3,8 @@ import pytest
 from toy_moon import LANDER_M, ToyMoon
 
 from radioloc.errors import ConvergenceError, InputError
-from radioloc.estimation import FitStatus, Parameter, ParameterSet, fit_with_editing, least_squares
+from radioloc.estimation import FitStatus, Parameter, ParameterSet, least_squares
+from radioloc.estimation.editing import fit_with_editing
 from radioloc.estimation.least_squares import fit_least_squares
 from radioloc.estimation.linearization import DenseLinearization
 from radioloc.parameters.parameter import Role

@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
-from radioloc.estimation import Labels, Parameter, ParameterSet, fit_with_variance_components
+from radioloc.estimation import Labels, Parameter, ParameterSet
 from radioloc.estimation.least_squares import fit_least_squares
 from radioloc.estimation.robust import linear_problem
 from radioloc.estimation.series import SeriesOrder
+from radioloc.estimation.variance_components import fit_with_variance_components
 from radioloc.noise import ObservationCovariance, SharedAtEpoch, White
 from radioloc.parameters.parameter import Role
 

@@ -7,9 +7,11 @@ import pytest
 from delay_network import OWN_M, STATION_M, DelayNetwork
 
 from radioloc.errors import InputError
-from radioloc.estimation import USED, Labels, fit_with_editing, fit_with_variance_components
+from radioloc.estimation import USED, Labels
+from radioloc.estimation.editing import fit_with_editing
 from radioloc.estimation.least_squares import fit_least_squares
 from radioloc.estimation.series import SeriesOrder
+from radioloc.estimation.variance_components import fit_with_variance_components
 from radioloc.noise import ALONE, ObservationCovariance, SharedAtEpoch, White, whitening
 from radioloc.noise.whitening import column
 

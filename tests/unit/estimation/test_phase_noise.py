@@ -8,10 +8,11 @@ from dense_noise import information
 import radioloc
 from radioloc import Study
 from radioloc.errors import InputError
-from radioloc.estimation import Labels, Parameter, ParameterSet, fit_with_variance_components
+from radioloc.estimation import Labels, Parameter, ParameterSet
 from radioloc.estimation.least_squares import fit_least_squares
 from radioloc.estimation.series import SeriesOrder
 from radioloc.estimation.time_correlation import fit_with_correlated_weights
+from radioloc.estimation.variance_components import fit_with_variance_components
 from radioloc.jobs.preparation import prepared_arc
 from radioloc.jobs.station_noise import stated_noise
 from radioloc.measurements import PhysicalModel

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from delay_network import DelayNetwork
 
-from radioloc.estimation import Labels, Parameter, ParameterSet, fit_with_editing
+from radioloc.estimation import Labels, Parameter, ParameterSet
+from radioloc.estimation.editing import fit_with_editing
 from radioloc.estimation.least_squares import fit_least_squares
 from radioloc.estimation.series import MAX_POINTS, SeriesOrder, independent_series, points_of
 from radioloc.estimation.time_correlation import assess_time_correlation, estimated_covariance

@@ -6,17 +6,10 @@ import numpy as np
 import pytest
 from delay_network import DelayNetwork
 
-from radioloc.estimation import (
-    USED,
-    Labels,
-    Parameter,
-    ParameterSet,
-    fit_with_editing,
-    fit_with_variance_components,
-    variance_components,
-)
+from radioloc.estimation import USED, Labels, Parameter, ParameterSet, variance_components
+from radioloc.estimation.editing import fit_with_editing
 from radioloc.estimation.series import SeriesOrder
-from radioloc.estimation.variance_components import additive_sigma_m
+from radioloc.estimation.variance_components import additive_sigma_m, fit_with_variance_components
 
 
 def line(n, sigma_m, excess_m, seed):

@@ -10,8 +10,9 @@ from low_orbit import EPOCH
 from tracked_orbit import OFF, STATE, craft, grail_study, one_way_rms_mm_s, tracked
 
 import radioloc
-from radioloc.dynamics import Forces, GravityField, draw_gravity_errors, propagate
+from radioloc.dynamics import Forces, GravityField, propagate
 from radioloc.dynamics.elements import FORMS, elements_from_state, equatorial_axes
+from radioloc.dynamics.gravity_errors import draw_gravity_errors
 from radioloc.errors import InputError
 from radioloc.estimation import FitStatus
 from radioloc.measurements import ExactPredictor, OrbitMotion

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 import radioloc
-from radioloc.estimation import FitStatus, Labels, Parameter, ParameterSet, fit_with_editing
+from radioloc.estimation import FitStatus, Labels, Parameter, ParameterSet
 from radioloc.estimation.consider import ConsideredErrors
+from radioloc.estimation.editing import fit_with_editing
 from radioloc.estimation.noise_structure import Differences, noise_ratios
 from radioloc.estimation.series import SeriesOrder
 from radioloc.jobs.verdict import misfits, with_considered

@@ -65,8 +65,9 @@ def test_position_ellipse_is_that_of_the_solution(solution):
     np.testing.assert_allclose(end, [np.sin(azimuth), np.cos(azimuth)], atol=1e-12)
 
 
-def test_position_can_be_drawn_about_any_point(solution):
-    axes = plot_position(solution, LANDER_M + np.array([0.0, 100.0, 0.0]), "a priori").axes[0]
+def test_position_is_drawn_about_its_first_reference(solution):
+    apriori = compare_with(solution, LANDER_M + np.array([0.0, 100.0, 0.0]), "a priori")
+    axes = plot_position(replace(solution, reference=apriori)).axes[0]
     assert axes.get_xlabel() == "east of a priori (m)"
     # y is nearly east at this longitude of -0.4 deg.
     assert axes.patches[0].center[0] == pytest.approx(solution.reference.east_m - 100.0, abs=0.1)

@@ -7,7 +7,8 @@ from lunar_partials import cartesian_partials
 from toy_moon import LANDER_M, ToyMoon, toy_solution
 
 from radioloc.errors import InputError
-from radioloc.estimation import Parameter, ParameterSet, fit_with_editing
+from radioloc.estimation import Parameter, ParameterSet
+from radioloc.estimation.editing import fit_with_editing
 from radioloc.estimation.gauss_markov import TimeCorrelation
 from radioloc.estimation.time_correlation import scaled_covariance
 from radioloc.parameters.parameter import Role

@@ -65,7 +65,6 @@ def write_tdm(
     observations: Observations,
     *,
     originator: str,
-    creation_date: str | None = None,
     comments: Iterable[str] = (),
 ) -> None:
     """Write observations as a message in KVN.
@@ -82,8 +81,6 @@ def write_tdm(
         Observations to write.
     originator : str
         Agency that makes the message.
-    creation_date : str, optional
-        UTC date of the message; now by default.
     comments : iterable of str
         Comments for the header.
 
@@ -106,7 +103,7 @@ def write_tdm(
     >>> read_tdm(path, TdmAgreement(sigma_m={"range": 2.5}))
     <Observations 10 2020-12-01 to 2020-12-01>
     """
-    header = TdmHeader(creation_date or creation_date_now(), originator, tuple(comments))
+    header = TdmHeader(creation_date_now(), originator, tuple(comments))
     write_tdm_file(path, tdm_of(observations, header))
 
 

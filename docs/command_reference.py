@@ -24,6 +24,7 @@ GUIDES = {
     "compare": "[Compare solutions](../how-to/compare-solutions.md)",
     "verify": "[Repeat a solution](#repeat-a-solution)",
     "export": "[Formats](output-files.md#radioloc-export)",
+    "score": "[Benchmark](../how-to/benchmark.md)",
     "kernels": "[Other kernels](../how-to/use-another-ephemeris.md#other-kernels)",
     "completion": "[Installation](#completion)",
     "search": "[Searches](../how-to/search.md)",

@@ -20,6 +20,7 @@ if TYPE_CHECKING:  # imported on first use
     from radioloc.io import read_observations, write_observations
     from radioloc.jobs.accuracy_map import accuracy_map
     from radioloc.jobs.arcs import arcs, leave_one_out
+    from radioloc.jobs.benchmark import score
     from radioloc.jobs.comparison import compare
     from radioloc.jobs.covariance import covariance
     from radioloc.jobs.locate import compute_residuals, locate
@@ -59,6 +60,7 @@ __all__ = [
     "read_observations",
     "read_study",
     "register",
+    "score",
     "simulate",
     "verify",
     "visibility",
@@ -74,6 +76,7 @@ __getattr__, __dir__ = _lazy_exports(
         "io": "read_observations write_observations",
         "jobs.accuracy_map": "accuracy_map",
         "jobs.arcs": "arcs leave_one_out",
+        "jobs.benchmark": "score",
         "jobs.comparison": "compare",
         "jobs.covariance": "covariance",
         "jobs.locate": "compute_residuals locate",

@@ -23,8 +23,8 @@ EXIT_STATUS = {
     DONE: "done; where something is fitted, it converged",
     DISK: "the disk is full or fails; make room and run again",
     BAD_INPUT: "bad input; standard error has the reason in one line",
-    NOT_CONVERGED: "not converged or not observable; solutions do not agree (compare) or differ (verify); the "
-    "installation is not sound (doctor). What is printed says why",
+    NOT_CONVERGED: "not converged or not observable; solutions do not agree (compare) or differ (verify), a claim "
+    "fails (score); the installation is not sound (doctor). What is printed says why",
     INTERRUPTED: "interrupted (Ctrl-C); montecarlo prints how to continue",
 }
 """Exit statuses and their meanings."""

@@ -16,7 +16,7 @@ COMMANDS = Registry(
         *(fitting.locate, fitting.residuals, fitting.arcs, fitting.leave_one_out),
         *(planning.simulate, planning.covariance, planning.monte_carlo),
         *(predictions.visibility, predictions.light_time),
-        *(files.convert, files.compare, files.verify, files.export, files.plot_map),
+        *(files.convert, files.compare, files.score, files.verify, files.export, files.plot_map),
         *(lookups.kernels, lookups.doctor, lookups.frames, lookups.stations, lookups.completion),
     ),
 )

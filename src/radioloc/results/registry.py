@@ -9,6 +9,7 @@ from radioloc.results.comparison import Comparison
 from radioloc.results.covariance import CovarianceStudy
 from radioloc.results.monte_carlo import MonteCarlo
 from radioloc.results.result import Result, ResultType
+from radioloc.results.scores import Scores
 from radioloc.results.solution import ORBIT_FILES, Solution
 from radioloc.results.state_comparison import StateComparison
 from radioloc.results.subsets import ArcStudy, LeaveOneOut
@@ -57,6 +58,7 @@ RESULTS = Registry(
             ("accuracy_map",),
             ("accuracy_map.json", "accuracy_map.csv", "accuracy_map.tif"),
         ),
+        ResultType("scores", Scores, (), ("scores.json", "scores.csv", "scores.md")),
         ResultType("leave_one_out", LeaveOneOut, (), ("leave_one_out.json", "leave_one_out.csv")),
     ),
 )

@@ -207,6 +207,8 @@ def test_line_scan_over_real_terrain(tmp_path):
         tmp_path / "map.tif", [(image, model)], terrain, projection="IAU_2015:30110", resolution_m=20.0
     )
     with rasterio.open(tmp_path / "map.tif") as file:
+        assert file.tags(ns="IMAGE_STRUCTURE")["LAYOUT"] == "COG"
+        assert file.crs.to_authority() == ("IAU_2015", "30110")
         values = file.read(1)
         rows, columns = np.nonzero(file.read_masks(1))
         pick = slice(None, None, 301)

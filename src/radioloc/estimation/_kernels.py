@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from radioloc.compiled import compiled
 
 Floats = NDArray[np.float64]
+Integers = NDArray[np.intp]
 
 
 _LOGARITHM_STEP = 16  # innovation variances, below 1e15, that are multiplied before a logarithm is taken
@@ -48,6 +49,44 @@ def filter_grid(
         for k in range(j):
             products[j, k] = products[k, j]
     return log_determinant, products
+
+
+@compiled(error_model="numpy")
+def half_products(
+    begin: Integers,
+    first: Integers,
+    tau_s: Floats,
+    variance: Floats,
+    white: Floats,
+    step_s: Floats,
+    gain: Floats,
+    columns: Floats,
+) -> Floats:
+    """Lower triangles of covariances of series with half their diagonals times columns, (n, m)."""
+    # Series k has the points from begin[k] and the processes from first[k].
+    m = columns.shape[1]
+    out = np.zeros(columns.shape)
+    for k in range(len(white)):
+        p = first[k + 1] - first[k]
+        state, decay, half_variance = (
+            np.zeros((p, m)),
+            np.zeros(p),
+            0.5 * variance[first[k] : first[k + 1]].sum(),
+        )
+        for i in range(begin[k], begin[k + 1]):
+            if i > begin[k] and (i == begin[k] + 1 or step_s[i] != step_s[i - 1]):
+                for a in range(p):
+                    decay[a] = math.exp(-step_s[i] / tau_s[first[k] + a])
+            for a in range(p):
+                weight = variance[first[k] + a]
+                for j in range(m):
+                    state[a, j] = decay[a] * state[a, j] + gain[i] * columns[i, j]
+                    out[i, j] += weight * state[a, j]
+            for j in range(m):
+                out[i, j] = (
+                    gain[i] * out[i, j] + (0.5 * white[k] - half_variance * gain[i] ** 2) * columns[i, j]
+                )
+    return out
 
 
 @compiled(error_model="numpy")

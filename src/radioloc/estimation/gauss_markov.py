@@ -35,10 +35,10 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from radioloc.estimation.linearization import gram
-from radioloc.noise.processes import KalmanFilter, recursions, transitions
+from radioloc.noise.processes import KalmanFilter, transitions
 from radioloc.vectors import Floats
 
 RATIOS = np.logspace(-5.0, 3.0, 33)  # c / w that are tried
@@ -132,16 +132,6 @@ class SeriesNoise:
         weight = self.coloured if self.coloured.any() else np.ones(len(self.tau_s))
         return float(np.exp((weight * np.log(self.tau_s)).sum() / weight.sum()))
 
-    def products(self, step_s: Floats, gain: Floats, columns: Floats, width_s: float = 0.0) -> Floats:
-        """Columns (n, m) times the covariance of points, of some gain (n,), times columns, shape (m, m)."""
-        scaled, variance = gain[:, None] * columns, self.coloured * mean_correlation(width_s, self.tau_s)
-        lasting = variance > _MIN_PRODUCT_VARIANCE_FRACTION * variance.sum()
-        decay = np.exp(-step_s[:, None] / self.tau_s[lasting])
-        # The correlation is that with earlier points and its transpose, and with the point itself.
-        earlier = recursions(decay, variance[lasting], scaled) - 0.5 * variance[lasting].sum() * scaled
-        half = gram(columns, gain[:, None] * earlier + 0.5 * self.white * columns)
-        return half + half.T
-
     def whitened(self, step_s: Floats, gain: Floats, columns: Floats, width_s: float = 0.0) -> Floats:
         """Columns (n, m) of points by the root of the inverse covariance: innovations over their sigmas, (n, m)."""
         variance = self.coloured * mean_correlation(width_s, self.tau_s)
@@ -150,6 +140,38 @@ class SeriesNoise:
         process, sign = np.tile(np.arange(p), (n, 1)), np.repeat(gain[:, None], p, axis=1)
         transition = transitions(step_s, variance[lasting], self.tau_s[lasting])
         return KalmanFilter.of(process, sign, np.full(n, self.white), transition).innovations(columns)
+
+
+NO_NOISE = SeriesNoise(0.0, np.zeros(0), np.zeros(0), is_significant=False)
+"""In place of the noise of series whose errors are independent and as stated."""
+
+
+def half_products(
+    noise: Sequence[SeriesNoise],
+    begin: NDArray[np.intp],
+    step_s: Floats,
+    gain: Floats,
+    columns: Floats,
+    width_s: ArrayLike = 0.0,
+) -> Floats:
+    """Lower triangle of the covariance of the points of series, half its diagonal, times columns (n, m).
+
+    With L the result, the product of columns A with the covariance is A^T L + L^T A.
+    """
+    from radioloc.estimation._kernels import half_products as compiled
+
+    widths_s = np.broadcast_to(width_s, len(noise)).tolist()
+    variances = [
+        item.coloured * mean_correlation(w, item.tau_s) for item, w in zip(noise, widths_s, strict=True)
+    ]
+    lasting = [item > _MIN_PRODUCT_VARIANCE_FRACTION * item.sum() for item in variances]
+    first = np.cumsum([0, *(int(mask.sum()) for mask in lasting)])
+    tau_s = np.concatenate([item.tau_s[mask] for item, mask in zip(noise, lasting, strict=True)])
+    variance = np.concatenate([item[mask] for item, mask in zip(variances, lasting, strict=True)])
+    white = np.array([item.white for item in noise])
+    return np.asarray(
+        compiled(begin, first, tau_s, variance, white, step_s, gain, np.ascontiguousarray(columns))
+    )
 
 
 @dataclass(frozen=True, slots=True)

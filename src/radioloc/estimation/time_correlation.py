@@ -27,15 +27,18 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from radioloc.estimation.editing import EditedFit
 from radioloc.estimation.gauss_markov import (
     DENSE,
+    NO_NOISE,
     Points,
     SeriesCorrelation,
     SeriesNoise,
     SeriesWeight,
     TimeCorrelation,
+    half_products,
     noise_of_series,
 )
 from radioloc.estimation.least_squares import FitResult, fit_least_squares
@@ -82,27 +85,35 @@ def assess_time_correlation(
     noise = noise_of_series(*_without_considered(fit, points), significant=False)
     if not noise:
         return uncorrelated
-    added = np.zeros((q, q))
-    correlations: dict[str, SeriesCorrelation] = {}
-    for k, series_item in enumerate(points.series):
-        if series_item.key not in noise:
-            continue
-        process, part, count = noise[series_item.key], points.of(k), int(points.count[k])
-        unit, gain = points.unit[part], points.gain[part]
-        columns, width_s = np.column_stack([unit, gain]), float(points.width_s[k])
-        products = process.products(points.step_s[part], gain, columns, width_s)
-        added += products[:q, :q] - process.explained_variance * gram(unit, unit)
-        if not process.is_significant:
-            continue
-        correlations[series_item.key] = SeriesCorrelation(
-            series_item.name,
-            count,
-            count**2 * process.variance / float(products[q, q]),
+    processes = [noise.get(item.key, NO_NOISE) for item in points.series]
+    columns = np.column_stack([points.unit, points.gain])
+    half = half_products(processes, points.begin, points.step_s, points.gain, columns, points.width_s)
+    added = _added(points.unit, half[:, :q], processes, np.diff(points.begin))
+    sum_variances = 2.0 * np.add.reduceat(points.gain * half[:, q], points.begin[:-1])
+    correlations = [
+        SeriesCorrelation(
+            item.name,
+            int(count),
+            count**2 * process.variance / sum_variance,
             process.correlation_time_s,
             process.share,
         )
+        for item, process, count, sum_variance in zip(
+            points.series, processes, points.count, sum_variances.tolist(), strict=True
+        )
+        if process.is_significant
+    ]
     noise = {item.key: noise[item.key] for item in points.series if item.key in noise}
-    return TimeCorrelation(tuple(correlations.values()), in_parameter_units(added, fit), noise)
+    return TimeCorrelation(tuple(correlations), in_parameter_units(added, fit), noise)
+
+
+def _added(
+    columns: Floats, half: Floats, processes: Sequence[SeriesNoise], lengths: NDArray[np.intp]
+) -> Floats:
+    """Covariance A^T V A of columns by the noise of series, less what independent errors have, (q, q)."""
+    explained = np.repeat([process.explained_variance for process in processes], lengths)
+    half = gram(columns, half - 0.5 * explained[:, None] * columns)
+    return half + half.T
 
 
 def _without_considered(fit: FitResult, points: Points) -> tuple[Points, Floats]:
@@ -226,16 +237,13 @@ def _with_covariances(fit: FitResult, noise: CorrelatedWhitener, correlation: Ti
     directions = directions_of_rows(root[~fit.parameters.considered[free]])
     prior = (root / fit.parameters.prior_sigmas[free, None]) @ directions
     weighted, series = noise.weighted(fit.whitened_unit_partials(directions)), noise.series
-    unit, added = prior.T @ prior + gram(weighted, weighted), np.zeros((directions.shape[1],) * 2)
-    for item, indices in zip(series.series, series.of_each, strict=True):
-        if item.key in correlation.noise:
-            columns, step_s = (
-                weighted[indices],
-                np.diff(series.time_s[indices], prepend=series.time_s[indices[0]]),
-            )
-            process = correlation.noise[item.key]
-            products = process.products(step_s, np.ones(len(indices)), columns)
-            added += products - process.explained_variance * gram(columns, columns)
+    unit = prior.T @ prior + gram(weighted, weighted)
+    processes = [correlation.noise.get(item.key, NO_NOISE) for item in series.series]
+    place, lengths = np.concatenate(series.of_each), np.array([len(rows) for rows in series.of_each])
+    columns, step_s = weighted[place], np.diff(series.time_s[place], prepend=0.0)
+    begin = np.append(0, np.cumsum(lengths))
+    half = half_products(processes, begin, step_s, np.ones(len(place)), columns)
+    added = _added(columns, half, processes, lengths)
     unit = np.eye(len(directions)) + directions @ (unit - np.eye(len(unit))) @ directions.T
     fit = replace(fit, covariance=covariance_of(fit.factor, fit.parameters, unit))
     added_covariance = in_parameter_units(directions @ added @ directions.T, fit)

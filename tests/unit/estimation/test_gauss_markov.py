@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from radioloc.estimation.gauss_markov import Points, Series, SeriesNoise, noise_of_series
+from radioloc.estimation.gauss_markov import Points, Series, SeriesNoise, half_products, noise_of_series
 from radioloc.simulation.noise import Noise
 
 
@@ -21,6 +21,12 @@ def points(residual, step_s=None, gain=None, unit=None):
     )
 
 
+def variance_of_mean(noise, data):
+    return (
+        2.0 * half_products([noise], data.begin, data.step_s, data.gain, np.full((1440, 1), 1440.0**-2)).sum()
+    )
+
+
 def test_flicker_noise_is_not_taken_for_one_short_process():
     """The uncertainty of a mean is compared: one process alone, of the likeliest time, has too little there."""
     stated, item, true = np.zeros(40), np.zeros(40), np.zeros(40)
@@ -29,9 +35,9 @@ def test_flicker_noise_is_not_taken_for_one_short_process():
         true[seed] = residual.mean() ** 2
         data = points(residual - residual.mean(), unit=np.full((1440, 1), 1440.0**-0.5))
         noise = noise_of_series(data, 30.0)["a"]
-        stated[seed] = noise.products(data.step_s, data.gain, np.full((1440, 1), 1.0 / 1440.0))[0, 0]
+        stated[seed] = variance_of_mean(noise, data)
         single = SeriesNoise(noise.white, np.array([noise.correlation_time_s]), noise.coloured.sum()[None])
-        item[seed] = single.products(data.step_s, data.gain, np.full((1440, 1), 1.0 / 1440.0))[0, 0]
+        item[seed] = variance_of_mean(single, data)
     # Chi-square of 40 over 40 is below 1.48 but for 2.5 %; what is stated has more, as flicker noise goes on below the
     # frequencies that were drawn: a fifth process, three times as long as the data, nearly doubles it.
     assert 0.4 < (true / stated).mean() < 1.48

@@ -350,6 +350,23 @@ def test_libration(model, case, component):
     assert_same(column, slope(moved, 1e-5), BY_MOON, 2.4e6)
 
 
+@few_cases_with("component", range(6))
+def test_longitude_libration(model, case, component):
+    # Arguments at the middle of the arc (IERS 2010 eq. 5.43); they turn by less than 4e-3 rad in its five hours.
+    years = (TAI.mjd.mean() - 51544.5) / 365.25
+    anomaly, sun, latitude, elongation = np.radians(
+        np.array([134.96340, 357.52911, 93.27209, 297.85020])
+        + np.array([4771.9886753, 359.9905029, 4832.0201746, 4452.6711145]) * years
+    )
+    angle = (sun, 2 * (anomaly - elongation), 2 * (latitude - anomaly))[component // 2]
+    about_z = column_of(arc_of(model, case), "libration.z", libration=True)
+    period, wave = ("365d", "206d", "1095d")[component // 2], ("cos", "sin")[component % 2]
+    column = column_of(arc_of(model, case), f"longitude_libration.{wave}_{period}", longitude_libration=True)
+    np.testing.assert_allclose(
+        column, about_z * (np.cos, np.sin)[component % 2](angle), atol=4e-3 * abs(about_z).max()
+    )
+
+
 @few_cases_with("number", ["h2", "l2"])
 def test_love_numbers(model, case, number):
     constants = model.ephemeris.constants

@@ -59,7 +59,7 @@ def zonal_tides(centuries_tt: Floats) -> tuple[Floats, Floats]:
     """Effect of the zonal tides on UT1, s, and its rate, s/s; Julian centuries of TT since J2000."""
     # IERS Conventions (2010), eq. 8.1 and Table 8.1 (Yoder et al. 1981; Wahr and Bergen 1986; Kantha et al. 1998).
     table = table_of("radioloc.earth", "ut1_zonal_tides.csv")
-    angles = _delaunay(centuries_tt) @ table[:, :5].T
+    angles = delaunay_arguments_rad(centuries_tt) @ table[:, :5].T
     rates = table[:, :5] @ _DELAUNAY_RATES_RAD_S
     value, rate = _harmonic_sum(angles, rates, table[:, 5:6] * 1e-4, table[:, 6:7] * 1e-4)
     return value[:, 0], rate[:, 0]
@@ -84,7 +84,7 @@ def libration(mjd_ut1: Floats) -> tuple[Floats, Floats]:
     centuries = (mjd_ut1 - _MJD_J2000) / _DAYS_PER_CENTURY
     gmst_s = 67310.54841 + centuries * (_GMST_RATE_S_CY + centuries * (0.093104 - 6.2e-6 * centuries))
     chi = np.fmod(gmst_s, SECONDS_PER_DAY) * (2 * np.pi / SECONDS_PER_DAY) + np.pi
-    arguments = np.column_stack([chi, _delaunay(centuries)])
+    arguments = np.column_stack([chi, delaunay_arguments_rad(centuries)])
     chi_rate = _GMST_RATE_S_CY * (2 * np.pi / SECONDS_PER_DAY) / (_DAYS_PER_CENTURY * SECONDS_PER_DAY)
     argument_rates = np.concatenate([[chi_rate], _DELAUNAY_RATES_RAD_S])
     sums = [
@@ -98,8 +98,8 @@ def libration(mjd_ut1: Floats) -> tuple[Floats, Floats]:
     return value, rate
 
 
-def _delaunay(centuries: Floats) -> Floats:
-    """l, l', F, D, Omega in rad, shape (n, 5) (IERS 2010 eq. 5.43)."""
+def delaunay_arguments_rad(centuries: Floats) -> Floats:
+    """Return the Delaunay arguments l, l', F, D, Omega, rad, (n, 5), at centuries from J2000 (IERS 2010 eq. 5.43)."""
     return np.column_stack(
         [f(centuries) for f in (erfa.fal03, erfa.falp03, erfa.faf03, erfa.fad03, erfa.faom03)]
     )

@@ -11,6 +11,7 @@ from typing import Literal
 
 import numpy as np
 
+from radioloc.earth.eop_tides import delaunay_arguments_rad
 from radioloc.lunar import rot_icrf_to_pa
 from radioloc.lunar.tide import solid_tide
 from radioloc.parameters.kind import Members, ParameterKind, Scope, Sigmas, all_observations
@@ -18,7 +19,13 @@ from radioloc.parameters.rows import ObservationRows
 from radioloc.time import Epochs
 from radioloc.vectors import Floats, dot, rtn_axes
 
-_MJD_2000, _DAYS_PER_YEAR = 51544.5, 365.25
+_MJD_2000, _DAYS_PER_YEAR, _DAYS_PER_CENTURY = 51544.5, 365.25, 36525.0
+_LONGITUDE_TERMS = {"365d": (0, 1, 0, 0, 0), "206d": (2, 0, 0, -2, 0), "1095d": (-2, 0, 2, 0, 0)}
+"""Forced librations in longitude by period, as multiples of the arguments l, l', F, D and Omega: l', 2l - 2D, 2F - 2l.
+
+Their amplitudes depend on dissipation in the Moon, so they are adjusted to laser ranges beside an integrated libration
+(Pavlov, Williams and Suvorkin 2016, Celest. Mech. Dyn. Astron. 126, 61).
+"""
 
 
 def _moon_position(rows: ObservationRows) -> Floats:
@@ -34,6 +41,13 @@ def _moon_position(rows: ObservationRows) -> Floats:
 def _libration(rows: ObservationRows) -> Floats:
     # A rotation by e about an axis moves the target by e x r, so that the partial is r x by_position along the axis.
     return np.cross(rows.target_pa_m, rows.computed.by_position_pa)[:, None, :]
+
+
+def _longitude_libration(rows: ObservationRows) -> Floats:
+    centuries = (rows.observations.epoch.mjd[rows.rows] - _MJD_2000) / _DAYS_PER_CENTURY
+    angles = delaunay_arguments_rad(centuries) @ np.array([*_LONGITUDE_TERMS.values()]).T
+    waves = np.stack([np.cos(angles), np.sin(angles)], axis=-1).reshape(len(rows), 1, -1)
+    return _libration(rows)[..., 2:] * waves
 
 
 def _love_numbers(rows: ObservationRows) -> Floats:
@@ -143,6 +157,17 @@ LIBRATION_VARIATION = replace(
     description="the same of one session, beyond `libration`",
     scopes=(Scope.SESSION,),
     considered=_libration_variation_sigmas,
+)
+LONGITUDE_LIBRATION = ParameterKind(
+    name="longitude_libration",
+    unit="rad",
+    description="periodic librations in longitude (about z): cosine and sine terms of 365, 206 and 1095 days",
+    scopes=(Scope.MOON,),
+    partials=_longitude_libration,
+    acts_on=all_observations,
+    components=tuple(f"{wave}_{period}" for period in _LONGITUDE_TERMS for wave in ("cos", "sin")),
+    label="periodic libration in longitude",
+    scale=6e-7,
 )
 LOVE_NUMBERS = ParameterKind(
     name="love_numbers",

@@ -37,6 +37,7 @@ PARAMETERS: Mapping[str, ParameterKind] = Registry(
         moon.MOON_POSITION_VARIATION,
         moon.LIBRATION,
         moon.LIBRATION_VARIATION,
+        moon.LONGITUDE_LIBRATION,
         moon.LOVE_NUMBERS,
         moon.LUNAR_LENGTHS,
     ],

@@ -26,7 +26,7 @@ from radioloc.imaging.frames import read_frame, read_mask
 from radioloc.io import write_gis, write_spice
 from radioloc.io.ccsds import write_oem
 from radioloc.jobs.comparison import compare, read_solutions
-from radioloc.jobs.monte_carlo import TrialFolder
+from radioloc.jobs.trial_folder import TrialFolder
 from radioloc.jobs.verification import verify
 from radioloc.lunar import Map
 from radioloc.report.files import json_text, write_report

@@ -170,7 +170,7 @@ def test_an_interrupted_monte_carlo_study_says_how_to_go_on(workers, tmp_path):
     os.killpg(process.pid, signal.SIGINT)
     _, output = process.communicate(timeout=600)
     assert process.returncode == 130, output
-    advice = f"{tmp_path} keeps the trials made so far, and the same command with --resume goes on"
+    advice = f"{tmp_path} keeps what is computed so far, and the same command with --resume goes on"
     assert output == f"radioloc: interrupted; {advice}\n"
     assert has_ended(process.pid)
     count = 25 * len(list((tmp_path / "parts").iterdir()))

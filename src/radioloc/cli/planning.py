@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextlib import nullcontext
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,9 +16,14 @@ from radioloc.cli.fitting import ARC_HOURS
 from radioloc.cli.output import DONE, INTERRUPTED, complain, exit_status, finish, tell
 
 if TYPE_CHECKING:
+    from radioloc.results.result import Result
     from radioloc.study import Study
 
 _WORKERS = argument("--workers N", "processes (default: one for each core with 50 trials or sites)", int)
+_SCHEDULER = argument(
+    "--scheduler ADDRESS", "run on the Dask cluster of this scheduler, such as tcp://host:8786"
+)
+_RESUME = flag("--resume", "go on from the trials or sites that are already in DIR")
 _SEED = argument("--seed N", "seed of the random numbers (default: the one in the study file)", int)
 
 
@@ -51,8 +58,9 @@ def simulate(options: argparse.Namespace) -> int:
     ARC_HOURS,
     _SEED,
     _WORKERS,
+    _SCHEDULER,
     *output_folder("write trials, summary and figures to DIR"),
-    flag("--resume", "go on from the trials that are already in DIR"),
+    _RESUME,
     flag("--full", "fit every trial with the whole model rather than its linearization; slow"),
     examples=(
         "plan.toml --trials 200 --hours 6 12 --out results",
@@ -61,25 +69,33 @@ def simulate(options: argparse.Namespace) -> int:
 )
 def monte_carlo(options: argparse.Namespace) -> int:
     """Simulate a schedule many times, fit every trial for several arc lengths, and print the errors."""
-    from radioloc.jobs.workers import usual_workers
+    run = partial(
+        radioloc.monte_carlo,
+        options.study,
+        options.trials,
+        options.hours,
+        seed=options.seed,
+        full=options.full,
+    )
+    return _resumable(options, run, options.trials)
+
+
+def _resumable(options: argparse.Namespace, run: Callable[..., Result], trials: int) -> int:
+    """Run trials or sites on the requested workers, and finish; an interrupt names the option that continues."""
+    from radioloc.jobs.workers import dask_client, usual_workers
 
     if options.resume and options.out is None:
-        options.parser.error("--resume needs --out DIR, where the trials are")
+        options.parser.error("--resume needs --out DIR, where the trials or sites are")
+    if options.scheduler and options.workers is not None:
+        options.parser.error("expected --workers or --scheduler, got both")
+    count = usual_workers(trials) if options.workers is None else options.workers
+    workers = dask_client(options.scheduler) if options.scheduler else nullcontext(count)
     try:
-        result = radioloc.monte_carlo(
-            options.study,
-            options.trials,
-            options.hours,
-            seed=options.seed,
-            workers=usual_workers(options.trials) if options.workers is None else options.workers,
-            out=options.out,
-            resume=options.resume,
-            full=options.full,
-            progress=not options.quiet,
-        )
+        with workers as pool:
+            result = run(workers=pool, out=options.out, resume=options.resume, progress=not options.quiet)
     except KeyboardInterrupt:
         keeps = f"{options.out} keeps" if options.out else "with --out DIR, it keeps"
-        complain(f"interrupted; {keeps} the trials made so far, and the same command with --resume goes on")
+        complain(f"interrupted; {keeps} what is computed so far, and the same command with --resume goes on")
         return INTERRUPTED
     return finish(options, result)
 
@@ -98,6 +114,8 @@ def monte_carlo(options: argparse.Namespace) -> int:
     argument("--grid DEG", "map the accuracy of landing sites at this distance over the near side", float),
     argument("--region DEG", "edges of the map: WEST SOUTH EAST NORTH", float, nargs=4),
     _WORKERS,
+    _SCHEDULER,
+    _RESUME,
     *output_folder("write tables and a figure to DIR; of several plans, to a folder each"),
     examples=(
         "plan.toml --reach 150",
@@ -114,6 +132,8 @@ def covariance(options: argparse.Namespace) -> int:
         options.parser.error("expected study files of different names; rename one")
     if options.grid is not None:
         return _map(options, studies)
+    if options.resume or options.scheduler:
+        options.parser.error("--scheduler and --resume are of maps; expected --grid")
     plans = [radioloc.covariance(study, options.hours, reach_m=options.reach) for study in studies]
     if len(plans) == 1:
         return finish(options, plans[0])
@@ -128,18 +148,11 @@ def covariance(options: argparse.Namespace) -> int:
 def _map(options: argparse.Namespace, studies: Sequence[Study]) -> int:
     """Map the accuracy of one plan over landing sites."""
     from radioloc.jobs.accuracy_map import NEAR_SIDE_DEG
-    from radioloc.jobs.workers import usual_workers
 
     if len(studies) > 1 or len(options.hours or ()) > 1 or options.reach is not None:
         options.parser.error("--grid takes one study, at most one length and no --reach")
     west, south, east, north = region_deg = options.region or NEAR_SIDE_DEG
     sites = int((east - west) * (north - south) / max(options.grid, 1e-3) ** 2)
-    result = radioloc.accuracy_map(
-        studies[0],
-        options.grid,
-        region_deg=region_deg,
-        hours=options.hours[0] if options.hours else None,
-        workers=usual_workers(sites) if options.workers is None else options.workers,
-        progress=not options.quiet,
-    )
-    return finish(options, result)
+    hours = options.hours[0] if options.hours else None
+    run = partial(radioloc.accuracy_map, studies[0], options.grid, region_deg=region_deg, hours=hours)
+    return _resumable(options, run, sites)

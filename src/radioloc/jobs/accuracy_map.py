@@ -8,37 +8,51 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.errors import InputError
 from radioloc.jobs.one_thread import on_one_blas_thread
 from radioloc.jobs.planned_fit import PlannedFit
 from radioloc.jobs.preparation import model_of, planned_arc
 from radioloc.jobs.problem import ArcPart, EstimationProblem, arc_parts
-from radioloc.jobs.selection import arc_lengths
+from radioloc.jobs.selection import arc_lengths, since_start_s
 from radioloc.jobs.study_targets import surface_points
+from radioloc.jobs.trial_folder import (
+    TrialFolder,
+    locked_folder,
+    refuse_other_study,
+    run_trials,
+    study_record,
+)
 from radioloc.jobs.workers import workers_of
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.parameters.parameter import ParameterSet
-from radioloc.progress import progress_bar
 from radioloc.quantities import FloatLike, accepts_quantities
 from radioloc.results.accuracy_map import AccuracyMap
 from radioloc.simulation.schedule import Plan, Planner
+from radioloc.simulation.simulate import Scenario
 from radioloc.study.study import HeightPrior, Study
 from radioloc.study.study_file import as_study
+from radioloc.targets.design import ObservationModel
+from radioloc.targets.doubts import MIN_EARTH_ELEVATION_DEG
 from radioloc.vectors import Floats
 
 _MASK_MARGIN_DEG = (
     0.7  # largest difference of a station's elevations of two points on the Moon, 0.55 deg at perigee
 )
-_SITES_IN_CHUNK = 100
+_MAX_EXTRAPOLATION_S = (
+    0.02  # of straight motions: 12 ms of light time between the middle and the limb of the disc; then 7 um
+)
+_MAX_CHUNK_SITES = 10  # which take a tenth of a second
+_COLUMNS = ("count", "refused", "sigma_east_m", "sigma_north_m", "sigma_up_m", "radius_95_m", "span_h")
+_NOT_VISIBLE = (0, 0, *(math.inf,) * 4, 0.0)
 _MAX_SITES = 1_000_000
 NEAR_SIDE_DEG = (-90.0, -90.0, 90.0, 90.0)
 """West, south, east and north of the near side."""
@@ -52,6 +66,8 @@ def accuracy_map(
     region_deg: Sequence[float] = NEAR_SIDE_DEG,
     hours: FloatLike | None = None,
     workers: Any = 1,
+    out: str | Path | None = None,
+    resume: bool = False,
     progress: bool = False,
 ) -> AccuracyMap:
     """Predict the accuracy of a tracking plan at each landing site of a grid.
@@ -67,15 +83,20 @@ def accuracy_map(
         West, south, east and north edge, deg, mean-Earth axes; the near side by default.
     hours : float, optional
         Length of the tracking from the start, h; all by default.
-    workers : int or distributed.Client
-        Number of processes, or the client of a Dask cluster.
+    workers : int or executor
+        As of :func:`radioloc.monte_carlo`.
+    out : path-like, optional
+        Folder that keeps the sites as they are computed. Without `resume`, those of an earlier map are removed.
+    resume : bool
+        Take over the sites that are in `out` already.
     progress : bool
         Show a bar, on a terminal or in a notebook.
 
     Raises
     ------
     InputError
-        The study has no simulation or another target than one lander, or the grid is empty or too large.
+        The study has no simulation or another target than one lander, the grid is empty or too large, or `out` holds
+        the sites of another map.
 
     Examples
     --------
@@ -92,23 +113,35 @@ def accuracy_map(
     longitude_deg, latitude_deg = _cells(step_deg, region_deg)
     sites = _Sites(study, longitude_deg, latitude_deg, hours)
     count = len(longitude_deg) * len(latitude_deg)
-    chunks = [range(k, min(k + _SITES_IN_CHUNK, count)) for k in range(0, count, _SITES_IN_CHUNK)]
-    values = np.empty((count, 5))
-    with workers_of(workers) as run, progress_bar(shown=progress, total=count, unit="site") as bar:
-        for chunk, rows in run(sites, 0, chunks):
-            values[list(chunk)] = rows[:, 0]
-            bar.update(len(chunk))
-    grid = values.reshape(len(latitude_deg), len(longitude_deg), 5)
+    record = study_record(study, [] if hours is None else [hours], 0)
+    record |= {"grid_deg": [step_deg, *region_deg]}
+    resumed = resume and out is not None and refuse_other_study(out, record)
+    with locked_folder(out), workers_of(workers) as pool:
+        folder = None if out is None else TrialFolder(out, record, _COLUMNS, (0.0,))
+        if folder is not None and not resumed:
+            folder.start()
+        values = run_trials(
+            pool,
+            sites,
+            0,
+            range(count),
+            way="sites",
+            max_chunk=_MAX_CHUNK_SITES,
+            folder=folder,
+            bar={"shown": progress, "unit": "site"},
+        )[:, 0]
+    grid = values.reshape(len(latitude_deg), len(longitude_deg), -1)
     return AccuracyMap(
         study.name,
         sites.model.ephemeris.constants.me_frame,
         sites.height_m,
-        sites.part.span_h,
+        float(values[:, 6].max()),
         longitude_deg,
         latitude_deg,
         grid[..., 0].astype(np.int64),
-        grid[..., 1:4],
-        grid[..., 4],
+        grid[..., 1].astype(np.int64),
+        grid[..., 2:5],
+        grid[..., 5],
     )
 
 
@@ -141,13 +174,17 @@ class _Sites:
 
     @on_one_blas_thread()
     def run(self, seed: int, trials: Sequence[int]) -> Floats:
-        """Return observations, sigma east, north and up, and 95 % radius of some sites, (sites, 1, 5)."""
-        return np.array([self._accuracy(*divmod(site, len(self.longitude_deg))) for site in trials])[:, None]
+        """Return the accuracy at some sites, (sites, 1, columns)."""
+        problem = self.part.problem
+        # The check points of an interpolated arc follow the sites, so that each run begins with a copy.
+        model = replace(problem.model, predictor=copy(problem.model.predictor))
+        rows = [self._accuracy(model, *divmod(site, len(self.longitude_deg))) for site in trials]
+        return np.array(rows)[:, None]
 
     @cached_property
     def model(self) -> PhysicalModel:
-        """Physical model of the study."""
-        return model_of(self.study)
+        """Physical model of the study, with straight motions near events that serve all sites."""
+        return replace(model_of(self.study), max_extrapolation_s=_MAX_EXTRAPOLATION_S)
 
     @cached_property
     def height_m(self) -> float:
@@ -155,16 +192,26 @@ class _Sites:
         [target] = self.study.points.values()
         return target.to_axes("ME", self.model.ephemeris.constants).selenographic[2]
 
-    @cached_property
-    def _planner(self) -> Planner:
+    @property
+    def part(self) -> ArcPart:
+        """Problem of all observations within the length that any site may have."""
+        return self._planned[1]
+
+    @property
+    def _scenario(self) -> Scenario:
         assert self.study.simulation is not None  # required of the study
-        return self.study.simulation.schedule.planner(self.model)
+        return self.study.simulation
 
     @cached_property
-    def _everything(self) -> tuple[Plan, NDArray[np.intp], EstimationProblem]:
-        """All observations that any site may have, the rows of the plan in the arc, and their problem."""
-        study, scenario = self.study, self.study.simulation
-        assert scenario is not None
+    def _planner(self) -> Planner:
+        schedule = self._scenario.schedule
+        target_deg = max(schedule.masks.target_deg, MIN_EARTH_ELEVATION_DEG)
+        return replace(schedule, masks=replace(schedule.masks, target_deg=target_deg)).planner(self.model)
+
+    @cached_property
+    def _planned(self) -> tuple[Plan, ArcPart]:
+        """All observations within the length that any site may have, as planned and as a problem."""
+        study, scenario, model = self.study, self._scenario, self.model
         masks = scenario.schedule.masks
         lower = {name: max(deg - _MASK_MARGIN_DEG, -90.0) for name, deg in masks.by_station_deg.items()}
         station_deg = max(masks.station_deg - _MASK_MARGIN_DEG, -90.0)
@@ -172,18 +219,17 @@ class _Sites:
         # Which station transmits depends on the site.
         sessions = [replace(session, one_uplink=False) for session in scenario.schedule.sessions]
         schedule = replace(scenario.schedule, sessions=sessions, masks=wider)
-        model, name = self.model, next(iter(scenario.targets))
-        plan = schedule.plan(model, {name: self._place(0.0, 0.0).xyz_m})
+        plan = schedule.plan(model, {next(iter(scenario.targets)): self._place(0.0, 0.0).xyz_m})
         arc, _, rows = planned_arc(study, plan.observations, model, {})
         noise = scenario.noise.covariance(plan).select(rows)
-        return plan, rows, EstimationProblem.of(study, arc, study.estimate, noise)
+        lengths = arc_lengths([1e9 if self.hours is None else self.hours], study.observations)
+        [part] = arc_parts(EstimationProblem.of(study, arc, study.estimate, noise), lengths)
+        return plan.select(rows[part.rows]), part
 
     @cached_property
-    def part(self) -> ArcPart:
-        """Problem of the observations within the length."""
-        lengths = arc_lengths([1e9 if self.hours is None else self.hours], self.study.observations)
-        [part] = arc_parts(self._everything[2], lengths)
-        return part
+    def _since_start_h(self) -> Floats:
+        """Time of the observations of the part since the start, h, (n,)."""
+        return since_start_s(self.part.problem.arc.observations, self.study.observations) / 3600.0
 
     def _place(self, longitude_deg: float, latitude_deg: float) -> LunarPosition:
         """Return a site in principal axes."""
@@ -192,35 +238,28 @@ class _Sites:
         site = LunarPosition.from_selenographic(longitude_deg, latitude_deg, self.height_m, frame=frame)
         return site.to_axes("PA", constants)
 
-    def _accuracy(self, row: int, column: int) -> tuple[float, ...]:
-        """Return observations, sigmas and 95 % radius at a site; infinite where they do not determine it."""
+    def _accuracy(self, model: ObservationModel, row: int, column: int) -> tuple[float, ...]:
+        """Return the columns of a site; sigmas are infinite where the observations do not determine it."""
         place = self._place(float(self.longitude_deg[column]), float(self.latitude_deg[row]))
-        used = self._visible(place.xyz_m)
-        if not used.any():
-            return (0, *(math.inf,) * 4)
+        visible = self._planner.measured(self._planned[0], {next(iter(self._scenario.targets)): place.xyz_m})
+        if not visible.any():
+            return _NOT_VISIBLE
         problem, choice = self.part.problem, self.study.estimate
         if choice.height_prior is not None:
             prior = HeightPrior(self.height_m, choice.height_prior.sigma_m)
             choice = replace(choice, height_prior=prior)
         [target] = surface_points({"": place}, self.model, choice)
-        model = problem.model
         parameters = ParameterSet([*target.parameters, *list(model.parameters)[model.first :]])
         at_site = replace(model, targets=(target,), parameters=parameters, partials_cache=[])
+        design = at_site.linearize(parameters.prior_values)
+        rows = np.flatnonzero(visible)
+        rows = rows[design.prediction.rows(rows).usable]
+        refused = int(visible.sum()) - len(rows)
+        if not len(rows):
+            return (0, refused, *_NOT_VISIBLE[2:])
+        used = np.zeros(len(visible), dtype=bool)
+        used[rows] = True
         part = replace(self.part, problem=replace(problem, model=at_site))
-        planned = PlannedFit(part, used, {}, parameters).planned()
-        return (planned.count, *planned.sigma_m.tolist(), planned.radius_95_m)
-
-    def _visible(self, site_pa_m: Floats) -> NDArray[np.bool_]:
-        """Mask of the observations of the part at which a site is visible."""
-        everything, rows, _ = self._everything
-        try:
-            plan = self._planner.plan({next(iter(self.study.simulation.targets)): site_pa_m})  # type: ignore[union-attr]
-        except InputError:  # nothing is visible
-            return np.zeros(len(self.part.rows), dtype=bool)
-        chosen = rows[self.part.rows]
-        return np.isin(_keys(everything)[chosen], _keys(plan))
-
-
-def _keys(plan: Plan) -> NDArray[np.int64]:
-    """Return a number for the session, epoch and pair of each observation."""
-    return (plan.session << 48) + (plan.slot << 16) + plan.pair
+        planned = PlannedFit(part, used, {}, parameters, design=design).planned()
+        span_h = float(self._since_start_h[rows].max())
+        return (planned.count, refused, *planned.sigma_m.tolist(), planned.radius_95_m, span_h)

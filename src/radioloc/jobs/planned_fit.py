@@ -29,6 +29,7 @@ from radioloc.jobs.problem import ArcPart, GravityErrorOrbits, orbit_state, own_
 from radioloc.jobs.stochastic import IndependentAccelerations, StochasticProblem
 from radioloc.parameters.parameter import ParameterSet, Role
 from radioloc.results.covariance import PlannedArc
+from radioloc.targets.design import DesignMatrix
 from radioloc.targets.orbit_state import ALONG_ACROSS_RADIAL, OrbitState, along_across_radial
 from radioloc.time import Epochs, tt_to_tdb, utc_to_tt
 from radioloc.vectors import Floats
@@ -65,6 +66,7 @@ class PlannedFit:
     orbits: GravityErrorOrbits  # with the considered errors of their gravity fields
     parameters: ParameterSet  # of the problem, then those of the process noise
     process: IndependentAccelerations | None = None
+    design: DesignMatrix | None = None  # of the model at its a-priori parameters; computed if None
 
     @classmethod
     def of(cls, part: ArcPart, usable: _Mask, orbits: GravityErrorOrbits) -> PlannedFit:
@@ -99,7 +101,9 @@ class PlannedFit:
     def fit(self) -> FitResult:
         """Covariance of all parameters, those of the process noise last."""
         problem, parameters = self.part.problem, self.parameters
-        linearization: Linearization = problem.model.linearize(problem.model.parameters.prior_values)
+        linearization: Linearization = self.design or problem.model.linearize(
+            problem.model.parameters.prior_values
+        )
         if self.process is not None:
             linearization = _WithProcess(linearization, self.process)
         x, whitening = parameters.prior_values, problem.noise.whitener(self.used)

@@ -99,7 +99,7 @@ def planned_arc(
         planned, study.observations, study.catalogue, places, model.sources, name=study.target_name
     )
     rows = np.flatnonzero(mask)
-    return *prepared_arc(study, planned.select(rows), orbits), rows
+    return *prepared_arc(study, planned.select(rows), orbits, model), rows
 
 
 def _require_tracked(study: Study, arc: Predictor) -> None:

@@ -1,7 +1,9 @@
-"""Workers that run the trials of a study: this process, a pool of processes, or a Dask cluster.
+"""Workers that run the trials of a study or the sites of a map: this process, or an executor.
 
-A job is an object with a method ``run(seed, trials)``. It is sent to each worker once; after that only numbers of
-trials and rows of results are exchanged.
+An executor has ``submit(function, *arguments)``, which returns a future with ``result``, ``cancel`` and
+``add_done_callback``: those of :mod:`concurrent.futures`, of MPI, or the client of a Dask cluster. A job is an object
+with a method ``run(seed, trials)``. Processes of this machine read it from a file, a Dask cluster gets it once, other
+executors get it with each chunk of trials.
 """
 
 from __future__ import annotations
@@ -10,21 +12,22 @@ import os
 import pickle
 import signal
 import sys
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
-from functools import lru_cache, partial
+import threading
+from collections.abc import Iterator, Sequence
+from concurrent.futures import BrokenExecutor, CancelledError, ProcessPoolExecutor
+from contextlib import contextmanager, nullcontext
+from dataclasses import dataclass
 from multiprocessing import get_context, parent_process
 from multiprocessing.connection import wait
 from pathlib import Path
-from threading import Thread
+from queue import SimpleQueue
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.errors import InputError, RadiolocError
+from radioloc.lazy import optional
 from radioloc.plugins import registered_names
 from radioloc.study.record import versions
 from radioloc.text_files import scratch_folder
@@ -36,6 +39,8 @@ _GUARD = 'a script that asks for several workers needs if __name__ == "__main__"
 _THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 
 _MIN_TRIALS_PER_PROCESS = 50  # They take several times as long as the start of the process
+_CHUNKS_PER_WORKER = 4
+_CONNECTION_TIMEOUT_S = 10.0
 
 _CAN_MASK = hasattr(signal, "pthread_sigmask")
 
@@ -47,44 +52,115 @@ class Job(Protocol):
         """Return results of trials, (trials, arcs, columns), which do not depend on the other trials or the process."""
 
 
-Run = Callable[[Job, int, Sequence[Chunk]], Iterator[tuple[Chunk, NDArray[np.float64]]]]
-"""Function that runs chunks of trials of a seed and yields the results of each, in any order."""
-
-
 def usual_workers(trials: int) -> int:
     """Return the number of processes for some trials: one for each core, with at least 50 trials each."""
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     return max(1, min(cores, trials // _MIN_TRIALS_PER_PROCESS))
 
 
+@dataclass(frozen=True, slots=True)
+class Workers:
+    """Executor of jobs; this process without one."""
+
+    count: int = 1  # 0 if the executor does not state it
+    executor: Any = None
+    folder: Path | None = None  # of jobs, for processes of this machine
+
+    def chunks(self, trials: Sequence[int], max_size: int) -> list[Chunk]:
+        """Divide trials among the workers: four chunks for each if that makes them smaller than the largest size."""
+        shares = _CHUNKS_PER_WORKER * self.count if self.count > 1 else 1
+        size = max(1, min(max_size, -(-len(trials) // shares)))
+        return [trials[k : k + size] for k in range(0, len(trials), size)]
+
+    def run(
+        self, job: Job, seed: int, chunks: Sequence[Chunk]
+    ) -> Iterator[tuple[Chunk, NDArray[np.float64]]]:
+        """Run chunks of trials of a seed and yield the results of each, in any order."""
+        if self.executor is None:
+            yield from ((chunk, job.run(seed, chunk)) for chunk in chunks)
+            return
+        futures, done = dict[Any, Chunk](), SimpleQueue[Any]()
+        try:
+            sent = self._sent(job)
+            with nullcontext() if self.folder is None else _spawning():
+                for chunk in chunks:
+                    future = self.executor.submit(_run, sent, seed, chunk)
+                    futures[future] = chunk
+                    future.add_done_callback(done.put)
+            for _ in chunks:
+                future = done.get()
+                yield futures[future], future.result()
+        except _losses() as error:
+            hint = f": {_GUARD}; or the system killed it, as for lack of memory" if self.folder else ""
+            raise RadiolocError(
+                f"the executor lost its workers before the trials ended{hint}; start it again"
+            ) from error
+        finally:
+            # The pool of this module cancels the rest itself: it reports an invalid state of futures that are cancelled
+            # here if an interrupt ends its processes at the same time.
+            for future in futures if self.folder is None else ():
+                future.cancel()
+
+    def _sent(self, job: Job) -> Any:
+        """Return what workers get a job from."""
+        content = pickle.dumps(job)
+        if self.folder is not None:
+            file = self.folder / f"job{len(list(self.folder.iterdir()))}.pickle"
+            file.write_bytes(content)
+            return file
+        if not hasattr(self.executor, "scatter"):
+            return content
+        _check_versions(self.executor)
+        return self.executor.scatter(content, broadcast=True, hash=False)
+
+
 @contextmanager
-def workers_of(workers: Any = 1) -> Iterator[Run]:
-    """Provide a pool for trials until the block ends: this process, several processes, or the client of a cluster."""
+def workers_of(workers: Any = 1) -> Iterator[Workers]:
+    """Provide workers until the block ends: this process, a number of processes, or an executor of the caller."""
     if (names := registered_names()) and workers != 1:
         raise InputError(
             f"workers: expected 1, as radioloc.register added {', '.join(names)} to this process only, got "
             f"{workers!r}; entry points of a package serve several processes"
         )
-    distributed = sys.modules.get("distributed")  # imported by whoever has a client
-    if distributed is not None and isinstance(workers, distributed.Client):
-        yield partial(_on_cluster, workers)
+    if hasattr(workers, "submit"):
+        threads = workers.nthreads() if hasattr(workers, "nthreads") else {}
+        yield Workers(sum(threads.values()), workers)
     elif isinstance(workers, bool) or not isinstance(workers, int) or workers < 1:
         raise InputError(
-            f"workers: expected a number of processes above zero, or a distributed.Client, got {workers!r}"
+            f"workers: expected a number of processes above zero, or an executor with submit, got {workers!r}"
         )
     elif workers == 1:
-        yield lambda job, seed, chunks: ((chunk, job.run(seed, chunk)) for chunk in chunks)
+        yield Workers()
     else:
         # Processes are spawned, not forked: a fork of a process with threads may hang, and some systems cannot.
         pool = ProcessPoolExecutor(workers, get_context("spawn"), _begin)
         with scratch_folder() as folder:
             try:
                 _start(pool, workers)
-                yield partial(_in_processes, pool, folder)
+                yield Workers(workers, pool, folder)
             finally:
-                # The pool cancels the rest itself: it reports an invalid state of futures that are cancelled here if
-                # an interrupt ends its processes at the same time.
                 pool.shutdown(cancel_futures=True)
+
+
+@contextmanager
+def dask_client(address: str) -> Iterator[Any]:
+    """Provide the client of a Dask cluster by the address of its scheduler until the block ends."""
+    distributed = optional("distributed", "a Dask cluster needs the package distributed:", "dask")
+    try:
+        client = distributed.Client(address, timeout=_CONNECTION_TIMEOUT_S, set_as_default=False)
+    except (OSError, ValueError) as error:
+        raise InputError(
+            f"Dask scheduler {address}: cannot be reached ({' '.join(str(error).split())}); expected an address such "
+            "as tcp://host:8786 of a running `dask scheduler`"
+        ) from None
+    with client:
+        yield client
+
+
+def _losses() -> tuple[type[Exception], ...]:
+    """Return the errors of executors that lose their workers."""
+    distributed = sys.modules.get("distributed")  # imported by whoever has a client
+    return BrokenExecutor, CancelledError, *([] if distributed is None else [distributed.KilledWorker])
 
 
 def _start(pool: ProcessPoolExecutor, count: int) -> None:
@@ -94,44 +170,6 @@ def _start(pool: ProcessPoolExecutor, count: int) -> None:
                 pool.submit(_import_what_jobs_need)
     except RuntimeError:  # in a script that its own spawned process imports
         raise InputError(_GUARD) from None
-
-
-def _in_processes(
-    pool: ProcessPoolExecutor, folder: Path, job: Job, seed: int, chunks: Sequence[Chunk]
-) -> Iterator[tuple[Chunk, NDArray[np.float64]]]:
-    """Run in a pool of processes, which read each job from a file once."""
-    file = folder / f"job{len(list(folder.iterdir()))}.pickle"
-    file.write_bytes(pickle.dumps(job))
-    try:
-        with _spawning():
-            futures = {pool.submit(_run_from, str(file), seed, chunk): chunk for chunk in chunks}
-        for future in as_completed(futures):
-            yield futures[future], future.result()
-    except BrokenProcessPool:
-        raise RadiolocError(
-            f"a worker process ended before its trials: {_GUARD}; or the system killed it, as for lack of memory"
-        ) from None
-
-
-def _on_cluster(
-    client: Any, job: Job, seed: int, chunks: Sequence[Chunk]
-) -> Iterator[tuple[Chunk, NDArray[np.float64]]]:
-    """Run on a Dask cluster; each job is sent to each of its workers once."""
-    from distributed import CancelledError, KilledWorker, as_completed
-
-    _check_versions(client)
-    futures: dict[Any, Chunk] = {}
-    try:
-        sent = client.scatter(job, broadcast=True)
-        futures |= {client.submit(_run, sent, seed, chunk, pure=False): chunk for chunk in chunks}
-        for future in as_completed(futures):
-            yield futures[future], future.result()
-    except (CancelledError, KilledWorker, TimeoutError, OSError) as error:
-        raise RadiolocError(
-            "the Dask cluster lost its workers before the trials ended; restart it and run the study again"
-        ) from error
-    finally:
-        client.cancel(list(futures))
 
 
 def _check_versions(client: Any) -> None:
@@ -175,7 +213,7 @@ def _spawning() -> Iterator[None]:
 
 def _begin() -> None:
     """Set up a worker that ends silently with its parent or on an interrupt."""
-    Thread(target=_end_with_parent, daemon=True).start()
+    threading.Thread(target=_end_with_parent, daemon=True).start()
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     if _CAN_MASK:
         signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
@@ -192,15 +230,18 @@ def _import_what_jobs_need() -> None:
     import radioloc.jobs.linear_trials  # noqa: F401
 
 
-@lru_cache(maxsize=1)
-def _job_from(file: str) -> Job:
-    job: Job = pickle.loads(Path(file).read_bytes())
-    return job
+class _JobOfThread(threading.local):
+    """Last job of a thread of a worker; predictors of a job keep a state, so that threads do not share it."""
+
+    sent: Path | bytes = b""
+    job: Job
 
 
-def _run_from(file: str, seed: int, chunk: Chunk) -> NDArray[np.float64]:
-    return _run(_job_from(file), seed, chunk)
+_job_of_thread = _JobOfThread()
 
 
-def _run(job: Job, seed: int, chunk: Chunk) -> NDArray[np.float64]:
-    return job.run(seed, chunk)
+def _run(sent: Path | bytes, seed: int, chunk: Chunk) -> NDArray[np.float64]:
+    if _job_of_thread.sent != sent:
+        content = sent.read_bytes() if isinstance(sent, Path) else sent
+        _job_of_thread.job, _job_of_thread.sent = pickle.loads(content), sent
+    return _job_of_thread.job.run(seed, chunk)

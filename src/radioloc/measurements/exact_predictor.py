@@ -33,7 +33,8 @@ class ExactPredictor(PreparedPaths):
         """Predict all observations for motions; raise a ConvergenceError if light times do not converge."""
         self._set_motions(motions)
         path, target, views, drag = self._solve()
-        if not (self._ends.point.is_valid_at(path.ends_s) and self._moon.centre.is_valid_at(path.bounce_s)):
+        limit_s, ends = self.model.max_extrapolation_s, self._ends.point
+        if not (ends.is_within(limit_s, path.ends_s) and self._moon.centre.is_within(limit_s, path.bounce_s)):
             self._place()
             path, target, views, drag = self._solve()
         ramp, one_way, tdb_tt = self._ramp(path), self._sign == 0.0, self.model.has("tdb_tt")

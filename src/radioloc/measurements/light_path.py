@@ -36,7 +36,6 @@ from radioloc.vectors import Floats, dot, length
 TRANSMIT, RECEIVE, BOUNCE = 0, 1, 2
 _MAX_ITERATIONS = 12
 TOLERANCE_S = 1e-15
-_MAX_EXTRAPOLATION_S = 1e-3  # of straight motions
 PLANETS_MM = {"venus": 0.1, "jupiter": 2.0, "saturn": 0.3}
 """Planets with a gravitational delay, beside Sun, Earth and Moon: largest one-way delay, mm."""
 
@@ -70,9 +69,9 @@ class MovingPoint:
         first, second = zip(*columns, strict=True)
         return MovingPoint(*first), MovingPoint(*second)
 
-    def is_valid_at(self, offset_s: Floats) -> bool:
-        """Return whether other instants are near enough for a straight line."""
-        return bool((np.abs(offset_s - self.offset_s) < _MAX_EXTRAPOLATION_S).all())
+    def is_within(self, limit_s: float, offset_s: Floats) -> bool:
+        """Return whether all other instants are nearer than a limit."""
+        return bool((np.abs(offset_s - self.offset_s) < limit_s).all())
 
 
 @dataclass(frozen=True, slots=True)

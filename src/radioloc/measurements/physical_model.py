@@ -41,6 +41,7 @@ class PhysicalModel:
     sources: Sources = field(default_factory=dict)  # at infinity, by their names
     free_clocks: tuple[str, ...] = ()  # stations whose clocks keep proper time, by the catalogue's names
     media_calibrations: MediaCalibrations | None = None  # of the Deep Space Network
+    max_extrapolation_s: float = 1e-3  # of straight motions near an event: 20 nm of a station
 
     @classmethod
     def build(

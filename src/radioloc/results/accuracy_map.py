@@ -31,10 +31,11 @@ class AccuracyMap(Result):
     name: str
     frame: str  # mean-Earth axes of longitude and latitude
     height_m: float  # of all sites above the sphere of 1737.4 km
-    span_h: float  # from the start to the last observation
+    span_h: float  # from the start to the last observation of any site
     longitude_deg: Floats  # (m,), from west to east
     latitude_deg: Floats  # (k,), from north to south
     count: NDArray[np.int64]  # (k, m), observations
+    refused: NDArray[np.int64]  # (k, m), visible observations that the model cannot compute, as too low
     sigma_m: Floats  # (k, m, 3), east, north and up
     radius_95_m: Floats  # (k, m), of the horizontal circle with the true point in 95 % of cases
 
@@ -61,6 +62,7 @@ class AccuracyMap(Result):
             "longitude_deg": float(self.longitude_deg[column]),
             "latitude_deg": float(self.latitude_deg[row]),
             "observations": int(self.count[row, column]),
+            "refused": int(self.refused[row, column]),
             **dict(zip(_SIGMAS, sigmas, strict=True)),
             "radius_95_m": finite_or_none(float(self.radius_95_m[row, column])),
         }
@@ -83,6 +85,7 @@ class AccuracyMap(Result):
             "step_deg": self.step_deg,
             "sites": self.count.size,
             "determined": self.determined_count,
+            "refused": int(self.refused.sum()),
             **{name: self.site(*self.ranked(fraction)) for name, fraction in ranks.items()},
         }
 
@@ -95,8 +98,9 @@ class AccuracyMap(Result):
                 (*_SIGMAS, "radius_95_m"), (*np.moveaxis(self.sigma_m, -1, 0), self.radius_95_m), strict=True
             )
         }
-        columns = {"longitude_deg": longitude_deg, "latitude_deg": latitude_deg, "observations": self.count}
-        table = {name: values.ravel() for name, values in (columns | finite).items()}
+        places = {"longitude_deg": longitude_deg, "latitude_deg": latitude_deg}
+        counts = {"observations": self.count, "refused": self.refused}
+        table = {name: values.ravel() for name, values in (places | counts | finite).items()}
         contents: dict[str, Content] = {
             "accuracy_map.json": self.to_dict(),
             "accuracy_map.csv": Table(table, dict.fromkeys(table, 4)),
@@ -123,6 +127,8 @@ class AccuracyMap(Result):
 
     def _status(self) -> Iterator[str]:
         yield f"{self.determined_count} of {self.count.size} sites are determined by {self.span_h:.1f} h of tracking"
+        if refused := int(self.refused.sum()):
+            yield f"{refused} of {refused + self.count.sum()} visible observations are too low for the media models"
         yield f"{self.frame}, height {self.height_m:.0f} m, a site every {self.step_deg:g} deg"
 
     def _cells(self, fraction: float) -> Iterator[str]:

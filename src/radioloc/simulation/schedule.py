@@ -180,6 +180,11 @@ class Plan:
     slot: NDArray[np.int64]  # index into all epochs of the session, shape (n,)
     pair: NDArray[np.int64]  # index into the pairs of the session, shape (n,)
 
+    def select(self, rows: NDArray[np.intp]) -> Plan:
+        """Return the plan of some observations."""
+        columns = self.session[rows], self.slot[rows], self.pair[rows]
+        return Plan(self.observations.select(rows), self.sessions, *columns)
+
 
 @dataclass(frozen=True, slots=True)
 class Schedule:
@@ -225,9 +230,8 @@ class Planner:
 
     def plan(self, target_pa_m: Target | Mapping[str, Target], target: str = "lander") -> Plan:
         """Return :meth:`Schedule.plan`."""
-        sessions, model = self.schedule.sessions, self.model
-        targets = target_pa_m if isinstance(target_pa_m, Mapping) else {target: target_pa_m}
-        cases = [(k, *case) for k, item in enumerate(sessions) for case in _tracked(item, model, targets)]
+        sessions = self.schedule.sessions
+        cases = self._cases(target_pa_m if isinstance(target_pa_m, Mapping) else {target: target_pa_m})
         rows = [self._rows(*case) for case in cases]
         observations = Observations.concatenate([part for part, _, _ in rows])
         if len(observations) == 0:
@@ -243,25 +247,57 @@ class Planner:
         _refuse_overlaps(observations)
         return Plan(observations, tuple(sessions), session[order], slot[order], pair[order])
 
+    def measured(self, plan: Plan, targets: Mapping[str, Target]) -> NDArray[np.bool_]:
+        """Return the mask of the observations of a plan, with a target in each session, that targets allow, (n,)."""
+        measured = [self._measured(number, target) for number, _, target in self._cases(targets)]
+        sizes = np.array([of_session.size for of_session in measured])
+        widths = np.array([of_session.shape[1] for of_session in measured])[plan.session]
+        rows = (np.cumsum(sizes) - sizes)[plan.session] + plan.slot * widths + plan.pair
+        return np.concatenate([of_session.ravel() for of_session in measured])[rows]
+
+    def _cases(self, targets: Mapping[str, Target]) -> list[tuple[int, str, Target | AtInfinity]]:
+        """Return numbers of sessions with the names and places of what they track."""
+        sessions = enumerate(self.schedule.sessions)
+        return [(k, *case) for k, item in sessions for case in _tracked(item, self.model, targets)]
+
     def _rows(
         self, number: int, target: str, target_pa_m: Target | AtInfinity
     ) -> tuple[Observations, NDArray[np.int64], NDArray[np.int64]]:
         """Return the visible part of a session, with the index of the epoch and of the pair of each observation."""
-        session, catalogue = self.schedule.sessions[number], self.model.catalogue
-        utc = session.epochs()
-        links = [
-            Link(first and catalogue.get(first).name, target, catalogue.get(second).name, session.baseline)
-            for first, second in session.pairs
-        ]
-        stations = list(dict.fromkeys(name for link in links for name in link.stations))
-        ends = np.array([[stations.index(link.stations[k]) for k in (0, -1)] for link in links])
+        session = self.schedule.sessions[number]
+        slot, pair = np.nonzero(self._measured(number, target_pa_m))
+        part = Observations.from_columns(
+            epoch=session.epochs()[slot],
+            links=[Link(*stations, session.baseline) for stations in self._ends(session, target)],
+            link=pair,
+            value_m=1.0,
+            sigma_m=session.sigma_m,
+            tag=TIME_TAGS.index(session.time_tag),
+            kind=KINDS.index(session.kind),
+            count_s=session.count_s,
+            uplink_hz=session.uplink_hz,
+            wavelength_um=session.wavelength_um,
+        )
+        return part, slot, pair
+
+    def _ends(self, session: Session, target: str) -> list[tuple[str, str, str]]:
+        """Return first station, target and second station of the pairs of a session, by the catalogue's names."""
+        name = self.model.catalogue.get
+        return [(first and name(first).name, target, name(second).name) for first, second in session.pairs]
+
+    def _measured(self, number: int, target_pa_m: Target | AtInfinity) -> NDArray[np.bool_]:
+        """Return at which epochs of a session its pairs measure a target, shape (epochs, pairs)."""
+        session = self.schedule.sessions[number]
+        pairs = [(first or second, second) for first, _, second in self._ends(session, "")]
+        stations = list(dict.fromkeys(name for pair in pairs for name in pair))
+        ends = np.array([[stations.index(name) for name in pair] for pair in pairs])
         # From the transmission of the first signal of a measurement to the reception of its last.
         lead_s = lag_s = 0.0 if math.isnan(session.count_s) else 0.5 * session.count_s
         if not session.baseline:
             lead_s += 0.0 if session.time_tag == "transmit" else _ROUND_TRIP_S
             lag_s += 0.0 if session.time_tag == "receive" else _ROUND_TRIP_S
         if number not in self.sights:
-            tt = utc_to_tt(utc)
+            tt = utc_to_tt(session.epochs())
             first, last = (Sight(self.model, stations, tt.shifted(shift_s)) for shift_s in (-lead_s, lag_s))
             self.sights[number] = first, last
         first_visible, last_visible = (
@@ -273,20 +309,7 @@ class Planner:
             senders = list(dict.fromkeys(ends[:, 0].tolist()))
             first_seen = np.array(senders)[np.argmax(visible[:, senders], axis=1)]
             measured &= first_seen[:, None] == ends[:, 0]
-        slot, pair = np.nonzero(measured)
-        part = Observations.from_columns(
-            epoch=utc[slot],
-            links=links,
-            link=pair,
-            value_m=1.0,
-            sigma_m=session.sigma_m,
-            tag=TIME_TAGS.index(session.time_tag),
-            kind=KINDS.index(session.kind),
-            count_s=session.count_s,
-            uplink_hz=session.uplink_hz,
-            wavelength_um=session.wavelength_um,
-        )
-        return part, slot, pair
+        return measured
 
 
 def _tracked(

@@ -224,15 +224,15 @@ def test_unusable_clusters_are_one_error(monkeypatch):
     distributed = pytest.importorskip("distributed")
     cluster = distributed.LocalCluster(n_workers=1, processes=False, dashboard_address=None)
     with cluster, distributed.Client(cluster) as client:
-        with workers_of(client) as run, pytest.raises(RadiolocError, match="lost its workers"):
-            list(run(_LosingCluster(), 1, [[0], [1]]))
+        with workers_of(client) as pool, pytest.raises(RadiolocError, match="lost its workers"):
+            list(pool.run(_LosingCluster(), 1, [[0], [1]]))
         installed = versions()
         monkeypatch.setattr(client, "run", lambda function: {"tcp://w": installed | {"radioloc": "0.0.1"}})
-        with workers_of(client) as run, pytest.raises(InputError, match=r"0\.0\.1"):
-            list(run(_LosingCluster(), 1, [[0]]))
+        with workers_of(client) as pool, pytest.raises(InputError, match=r"0\.0\.1"):
+            list(pool.run(_LosingCluster(), 1, [[0]]))
         monkeypatch.setattr(client, "run", lambda function: {})
-        with workers_of(client) as run, pytest.raises(InputError, match="no workers"):
-            list(run(_LosingCluster(), 1, [[0]]))
+        with workers_of(client) as pool, pytest.raises(InputError, match="no workers"):
+            list(pool.run(_LosingCluster(), 1, [[0]]))
 
 
 @pytest.mark.slow
@@ -280,8 +280,8 @@ def test_where_not_everything_is_determined_all_is_fitted_in_full():
 
 UNGUARDED = """
 from radioloc.jobs.workers import workers_of
-with workers_of(2) as run:
-    list(run(None, 0, [[0], [1]]))
+with workers_of(2) as pool:
+    list(pool.run(None, 0, [[0], [1]]))
 """
 
 
@@ -315,7 +315,7 @@ KILLED = """
 import os, signal, sys
 sys.path[:0] = sys.argv[2:]
 import radioloc
-from radioloc.jobs.monte_carlo import TrialFolder
+from radioloc.jobs.trial_folder import TrialFolder
 from test_monte_carlo import HOURS, study_of
 
 add = TrialFolder.add

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from radioloc.errors import InputError
-from radioloc.jobs.monte_carlo import TrialFolder, refuse_other_study
+from radioloc.jobs.trial_folder import TrialFolder, refuse_other_study
 
 
 @pytest.fixture

@@ -73,7 +73,7 @@ def accuracy_map():
     sigma_m = np.repeat(radius_m[..., None], 3, axis=-1)
     edges = np.array([-60.0, 0.0, 60.0]), np.array([30.0, -30.0])
     count = np.array([[5, 5, 5], [5, 5, 0]])
-    return AccuracyMap("toy", "ME_DE421", 0.0, 24.0, *edges, count, sigma_m, radius_m)
+    return AccuracyMap("toy", "ME_DE421", 0.0, 24.0, *edges, count, 0 * count, sigma_m, radius_m)
 
 
 def point():

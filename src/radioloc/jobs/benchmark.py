@@ -41,7 +41,6 @@ MAX_EPOCH_DIFFERENCE_S = 1e-6
 
 CASE_FILE = "case.toml"
 _ICRF = "ICRF"
-_MIN_COVERAGE_DRAWS = 20  # below, a binomial bound of the coverage is too wide for a test
 _DRAW_MARK = "#"  # between the name of a result and the number of its draw
 
 
@@ -377,7 +376,8 @@ def _score(case: Case, entry: BenchmarkEntry) -> Score:
         return base
     chances = [float(chdtrc(dof, statistic)) for statistic, dof in statistics]
     covered = sum(chance > 0.05 for chance in chances)
-    covers = count < _MIN_COVERAGE_DRAWS or bdtr(covered, count, 0.95) > SIGNIFICANCE_LEVEL
+    # Results of one fit share their errors; only draws are independent.
+    covers = not case.draws or bdtr(covered, count, 0.95) > SIGNIFICANCE_LEVEL
     return replace(
         base,
         claim_m=math.sqrt(np.mean(variances)),

@@ -100,7 +100,7 @@ class Scores(Result):
     def table(self) -> TextTable:
         """Return the table of all cases."""
         return TextTable(
-            ("case", *_HEADING, "source"), [(row.case, *row.cells(), row.source) for row in self.rows]
+            ("case", *_HEADING, "source"), [(row.case, *row.cells(), row.source) for row in self.rows], 2
         )
 
     def files(self) -> Mapping[str, Content]:

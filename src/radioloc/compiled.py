@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from typing import Any
 
 from radioloc.errors import InputError
-from radioloc.progress import announce
+from radioloc.progress import announce, step
 
 _THREADS = os.environ.get("NUMBA_NUM_THREADS", "1")
 if not (_THREADS.isdecimal() and int(_THREADS) > 0):  # the import of numba would fail with a ValueError
@@ -21,11 +21,16 @@ from numba.core import event  # noqa: E402
 class _Announcer(event.Listener):
     """Listener that announces the compilation of functions without machine code on the disk."""
 
+    def __init__(self) -> None:
+        super().__init__()
+        self._steps = ExitStack()  # a function may compile others
+
     def on_start(self, event: Any) -> None:
         announce("compiling the inner loops (once) ...")
+        self._steps.enter_context(step("compiling the inner loops (once)"))
 
     def on_end(self, event: Any) -> None:
-        pass
+        self._steps.close()
 
 
 event.register("numba:compile", _Announcer())

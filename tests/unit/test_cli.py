@@ -469,6 +469,9 @@ def test_light_times_as_card_as_json_and_in_a_file(capsys, tmp_path):
     content = json.loads(capsys.readouterr().out)
     assert content["columns"]["path"] == ["KASHI>lander>KASHI"]
     assert f",{content['columns']['downlink_light_time_s'][0]:.12f}," in file.read_text()
+    planned = ["light-time", *place, "--start", "2029-12-01T12:00", "--stop", "2029-12-01T18:00", "--quiet"]
+    assert [cli.main(planned), cli.main([*planned, "--eop-beyond", "extrapolate"])] == [2, 0]
+    capsys.readouterr()
     assert cli.main(["light-time", study, "--out", "table.txt"]) == 2
     assert "table.txt: unsupported file extension '.txt'; supported: .csv" in capsys.readouterr().err
 
@@ -478,6 +481,7 @@ def test_light_times_as_card_as_json_and_in_a_file(capsys, tmp_path):
     [
         ([], "give a study file or --at"),
         (["a.toml", "--at", "1", "2", "3"], "give a study file or --at"),
+        (["a.toml", "--eop-beyond", "hold"], "--eop-beyond is of --at"),
         (["--at", "1", "2", "3", "--stations", "KASHI"], "--at needs --stations, --start and --stop"),
     ],
 )

@@ -136,11 +136,16 @@ def test_a_folder_that_was_not_finished_says_so(tmp_path, capsys):
     assert listed == {"other.toml", "solution.json", "residuals.csv"} | figures
 
 
-def started(tmp_path, *options):
+def started(tmp_path, *options, command=()):
     """A Monte Carlo study under way, a session of its own with its workers."""
     plan = tmp_path / "plan.toml"
     plan.write_text(PLAN)
-    command = [*RADIOLOC, "montecarlo", plan, "--trials", 100_000, "--hours", 6, "--out", tmp_path, *options]
+    trials = ["--trials", 100_000, "--hours", 6]
+    command = (
+        [*command, plan, tmp_path]
+        if command
+        else [*RADIOLOC, "montecarlo", plan, *trials, "--out", tmp_path, *options]
+    )
     process = subprocess.Popen(
         [*map(str, command)], stderr=subprocess.PIPE, text=True, start_new_session=True
     )
@@ -185,6 +190,24 @@ def test_an_interrupted_monte_carlo_study_says_how_to_go_on(workers, tmp_path):
         str(tmp_path),
     ]
     assert cli.main([*arguments, "--resume", "--quiet"]) == 0
+
+
+SCRIPT = """
+import sys
+import radioloc
+if __name__ == "__main__":
+    radioloc.monte_carlo(sys.argv[1], 100_000, 6.0, workers=2, out=sys.argv[2])
+"""
+
+
+@pytest.mark.slow
+def test_an_interrupted_script_has_one_exception_and_leaves_no_workers(tmp_path):
+    (tmp_path / "script.py").write_text(SCRIPT)
+    process = started(tmp_path, command=[sys.executable, tmp_path / "script.py"])
+    os.killpg(process.pid, signal.SIGINT)
+    _, output = process.communicate(timeout=600)
+    assert output.count("Traceback") == output.count("KeyboardInterrupt") == 1
+    assert has_ended(process.pid)
 
 
 @pytest.mark.slow

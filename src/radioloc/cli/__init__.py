@@ -25,7 +25,7 @@ from radioloc.cli.output import (
 )
 from radioloc.cli.registry import make_parser
 from radioloc.errors import ConvergenceError, RadiolocError, RadiolocWarning
-from radioloc.progress import SILENT
+from radioloc.progress import SILENT, status_line
 
 __all__ = [
     "JSON",
@@ -58,7 +58,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         try:
             options = make_parser().parse_args(arguments)
             SILENT.set(options.quiet)
-            with logged(options.verbose), standard_streams(options):
+            with logged(options.verbose), standard_streams(options), status_line(options.command):
                 require_report(options)
                 status: int = options.run(options)
                 return status

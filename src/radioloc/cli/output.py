@@ -5,15 +5,17 @@ from __future__ import annotations
 import argparse
 import logging
 import os
+import re
 import sys
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from io import TextIOWrapper
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any, TextIO, cast
 
 from radioloc.errors import InputError, PredictedEopWarning, RadiolocError, RadiolocWarning, legible, visible
+from radioloc.progress import erase_status
 
 if TYPE_CHECKING:
     from radioloc.results.result import Result
@@ -29,6 +31,8 @@ EXIT_STATUS = {
 }
 """Exit statuses and their meanings."""
 
+_GREEN, _RED = 32, 31  # foreground colours of ECMA-48
+_STATUS_LINE = re.compile(r"^(status +)(\S.*)$", re.MULTILINE)
 STREAM = Path("-")  # In place of a file: standard input or output
 
 
@@ -38,10 +42,14 @@ def escape_unprintable_output() -> None:
         sys.stdout.reconfigure(errors="backslashreplace")
 
 
-def say(text: object, end: str = "\n") -> None:
-    """Print at once; output is dropped once its reader, such as `head`, has closed it."""
+def say(text: object, end: str = "\n", *, colour: int = 0) -> None:
+    """Print at once, the status in a colour; output is dropped once its reader, such as `head`, has closed it."""
+    erase_status()
+    shown = visible(str(text))
+    if colour and _has_colours(sys.stdout):
+        shown = _STATUS_LINE.sub(lambda line: f"{line[1]}\x1b[{colour}m{line[2]}\x1b[0m", shown, count=1)
     try:
-        print(visible(str(text)), end=end, flush=True)
+        print(shown, end=end, flush=True)
     except OSError as error:
         # Python would try to write the rest again at its end.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -49,7 +57,14 @@ def say(text: object, end: str = "\n") -> None:
             raise OSError(error.errno, error.strerror, "standard output") from None
 
 
-def tell(options: argparse.Namespace, card: object, content: Callable[[], Any] = dict) -> None:
+def _has_colours(stream: TextIO) -> bool:
+    """Return True for a terminal with colours; NO_COLOR switches them off (no-color.org)."""
+    return stream.isatty() and not os.environ.get("NO_COLOR") and os.environ.get("TERM", "dumb") != "dumb"
+
+
+def tell(
+    options: argparse.Namespace, card: object, content: Callable[[], Any] = dict, *, colour: int = 0
+) -> None:
     """Print a card and the output folder, or the content as JSON, or nothing with ``--quiet``."""
     out = getattr(options, "out", None)
     if options.json:
@@ -57,7 +72,7 @@ def tell(options: argparse.Namespace, card: object, content: Callable[[], Any] =
 
         say(json_text(content(), ascii_only=True), end="")  # valid JSON in every encoding of the terminal
     elif not options.quiet:
-        say(card if out is None else f"{card}\n\nwritten to {out}")
+        say(card if out is None else f"{card}\n\nwritten to {out}", colour=colour)
 
 
 def require_report(options: argparse.Namespace) -> None:
@@ -85,7 +100,7 @@ def finish(options: argparse.Namespace, result: Result) -> int:
         from radioloc.report.files import write_report
 
         write_report(options.out, result, html=options.report)
-    tell(options, result, result.to_dict)
+    tell(options, result, result.to_dict, colour=_GREEN if result.is_usable else _RED)
     return exit_status(options, result)
 
 
@@ -100,6 +115,7 @@ def exit_status(options: argparse.Namespace, *results: Result) -> int:
 
 def complain(message: str) -> None:
     """Print a problem in one line on standard error."""
+    erase_status()
     print(f"radioloc: {' '.join(legible(message).split())}", file=sys.stderr)
 
 

@@ -52,6 +52,11 @@ def visibility(options: argparse.Namespace) -> int:
         float,
         nargs=3,
     ),
+    argument(
+        "--eop-beyond METHOD",
+        "with --at, continue Earth orientation after the end of its table: hold or extrapolate",
+        choices=("hold", "extrapolate"),
+    ),
     *_SPAN,
     argument(
         "--links",
@@ -82,7 +87,10 @@ def light_time(options: argparse.Namespace) -> int:
         if not (options.stations and options.start and options.stop):
             options.parser.error("--at needs --stations, --start and --stop")
         target = radioloc.LunarPosition.from_selenographic(*options.at)
-        study = radioloc.Study(target=target, name="lander")
+        model = radioloc.study.ModelChoice(eop_beyond=options.eop_beyond)
+        study = radioloc.Study(target=target, name="lander", model=model)
+    elif options.eop_beyond is not None:
+        options.parser.error("--eop-beyond is of --at; a study has [model] eop_beyond")
     table = radioloc.light_times(
         study,
         options.stations,

@@ -37,6 +37,7 @@ from radioloc.measurements.quantised import with_rounding_in_sigmas
 from radioloc.measurements.registry import is_integrated
 from radioloc.measurements.table_columns import COLUMNS
 from radioloc.plugins import Registry, entry_errors
+from radioloc.progress import step
 from radioloc.text_files import head_of, read_text, require_ending
 from radioloc.time import utc_to_tai
 
@@ -260,7 +261,8 @@ def read_observations(
     parts = []
     for (name, _), group in groups.items():
         reader = READERS[name]
-        with entry_errors(f"reader {reader.name}", "read"):
+        names = ", ".join(Path(file).name for file in group[:3])
+        with entry_errors(f"reader {reader.name}", "read"), step(f"reading {names}"):
             parts.append(reader.read(group, settings))
         logger.info(
             "read %d observations from %s (%s)", len(parts[-1]), ", ".join(map(str, group)), reader.name

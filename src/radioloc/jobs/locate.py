@@ -38,6 +38,7 @@ from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.predictor import Predictor, blocks
 from radioloc.measurements.target_motion import Motions, positions_pa_m
+from radioloc.progress import step
 from radioloc.results.build import build_solution, compare_with
 from radioloc.results.solution import Solution, TargetPosition
 from radioloc.study.study import EstimateChoice, Study
@@ -118,7 +119,8 @@ def fit_arc(
 def solve(problem: EstimationProblem, left_out: dict[str, int], *, consistency: bool = True) -> Solution:
     """Return the solution of a problem; `left_out` counts observations that were not selected, by reason."""
     status, codes = usability(problem.arc, problem.start)
-    edited, stochastic = _fit(problem, status, codes)
+    with step(f"fitting {len(problem.arc.observations)} observations"):
+        edited, stochastic = _fit(problem, status, codes)
     model = problem.model if stochastic is None else stochastic.with_process
     logger.info(
         "fitted %d parameters to %d of %d observations",
@@ -131,8 +133,9 @@ def solve(problem: EstimationProblem, left_out: dict[str, int], *, consistency: 
     edited = with_weights(model.linearize, edited, problem.order, problem.estimate)
     suboptimal = problem.suboptimal_errors(model, edited.fit.x, orbits)
     fitted = _Fitted(problem, model, edited, stochastic, orbits, suboptimal)
-    solution = _solution(fitted, consistency)
-    return _completed(fitted, with_mistake(problem, solution) if consistency else solution, left_out)
+    with step("testing the residuals"):
+        solution = _solution(fitted, consistency)
+        return _completed(fitted, with_mistake(problem, solution) if consistency else solution, left_out)
 
 
 @dataclass(frozen=True, eq=False)

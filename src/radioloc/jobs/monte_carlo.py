@@ -26,6 +26,7 @@ from radioloc.jobs.trial_folder import (
     study_record,
 )
 from radioloc.jobs.workers import workers_of
+from radioloc.progress import step
 from radioloc.quantities import FloatLike
 from radioloc.results.monte_carlo import LinearityCheck, MonteCarlo
 from radioloc.simulation.noise import generator, require_seed
@@ -124,17 +125,20 @@ def monte_carlo(
     record = study_record(study, lengths, seed)
     resumed = resume and out is not None and refuse_other_study(out, record)
     with locked_folder(out), workers_of(workers) as pool:
-        ready = Prepared.of(study, lengths)
+        with step("preparing the trials"):
+            ready = Prepared.of(study, lengths)
         folder = None if out is None else TrialFolder(out, record, ready.columns, ready.hours)
         if folder is not None and not resumed:
             folder.start()
         bar = {"shown": progress, "unit": "trial"}
         results = partial(run_trials, pool, seed=seed, trials=range(trials), folder=folder, bar=bar)
-        linear = None if full else ready.linear()
+        with step("linearizing the model"):
+            linear = None if full else ready.linear()
         check = None
         if linear is not None:
             values = results(linear, way="linear", max_chunk=_MAX_CHUNK_TRIALS)
-            check = _check_linearity(linear, ready, seed, values)
+            with step("checking the linear model"):
+                check = _check_linearity(linear, ready, seed, values)
             if not check.passed:
                 linear = None
                 logger.warning(

@@ -32,6 +32,7 @@ from radioloc.media.ionex import read_ionex
 from radioloc.media.ionosphere import UniformTec
 from radioloc.media.radio_atmosphere import RadioAtmosphere, read_radio_atmosphere
 from radioloc.parameters.registry import PARAMETERS
+from radioloc.progress import step
 from radioloc.study.identity import spacecraft_doubts
 from radioloc.study.study import ModelChoice, Study
 from radioloc.study.study_file import as_study
@@ -79,7 +80,8 @@ def prepared_arc(
     start = apriori_points(study, model)
     known_positions(study, constants)  # one in a wrong frame is to be told before the work, not after it
     chosen, left_out = chosen_observations(study, observations, model)
-    arc = _arc(study, model, chosen, start, orbits or {})
+    with step(f"preparing {len(chosen)} observations"):
+        arc = _arc(study, model, chosen, start, orbits or {})
     logger.info("prepared the model for %d observations by %s", len(chosen), ", ".join(arc.stations))
     _require_tracked(study, arc)
     return arc, left_out

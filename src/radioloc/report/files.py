@@ -24,6 +24,7 @@ from radioloc.measurements.observations import Observations
 from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.registry import KINDS
 from radioloc.measurements.target_motion import FixedPoint
+from radioloc.progress import step
 from radioloc.report.figure_types import FIGURES, figures_of
 from radioloc.report.figures import save_figure
 from radioloc.report.map_figures import plot_map
@@ -103,12 +104,15 @@ def write_report(
     with _sole_writer(folder):
         written = [folder / name for name in contents]
         for path, content in zip(written, contents.values(), strict=True):
-            write_content(path, content)
+            with step(f"writing {path.name}"):
+                write_content(path, content)
         for figure_type in figures_of(result):
             if (figure := extra_figures.get(figure_type.name)) is not None:
                 written += write_figure(figure, folder, figure_type.stem)
             elif not figure_type.page_only:
-                for stem, figure in figure_type.drawn(result):
+                with step(f"drawing {figure_type.stem}"):
+                    figures = list(figure_type.drawn(result))
+                for stem, figure in figures:
                     written += write_figure(figure, folder, stem)
         if html:
             drawn = {path.stem: path for path in written if path.suffix == ".png"}
@@ -210,7 +214,8 @@ def remove_files(folder: Path, names: tuple[str, ...], but: Collection[Path] = (
 def write_figure(figure: Figure, folder: Path, name: str) -> list[Path]:
     """Write a figure as PNG and SVG."""
     paths = [folder / f"{name}.{ending}" for ending in ("png", "svg")]
-    save_figure(figure, paths)
+    with step(f"drawing {name}.png"):
+        save_figure(figure, paths)
     return paths
 
 

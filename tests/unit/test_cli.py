@@ -469,7 +469,7 @@ def test_light_times_as_card_as_json_and_in_a_file(capsys, tmp_path):
     content = json.loads(capsys.readouterr().out)
     assert content["columns"]["path"] == ["KASHI>lander>KASHI"]
     assert f",{content['columns']['downlink_light_time_s'][0]:.12f}," in file.read_text()
-    planned = ["light-time", *place, "--start", "2029-12-01T12:00", "--stop", "2029-12-01T18:00", "--quiet"]
+    planned = ["light-time", *place, "--start", "2029-03-20T12:00", "--stop", "2029-03-21T12:00", "--quiet"]
     assert [cli.main(planned), cli.main([*planned, "--eop-beyond", "extrapolate"])] == [2, 0]
     capsys.readouterr()
     assert cli.main(["light-time", study, "--out", "table.txt"]) == 2

@@ -123,15 +123,17 @@ def _tell_written(options: argparse.Namespace, files: Sequence[Path]) -> int:
         "the solution or reference to compare the others with (default: the first reference)",
     ),
     argument("--target NAME", "the target to compare, of solutions that have several"),
+    argument("--published NAME", "also compare with the published positions of an object, such as Chang'e-3"),
     *output_folder("write a table, comparison.json and a figure to DIR"),
     examples=(
         "results/solution.json published.toml",
         "a/solution.json b/solution.json --reference b --out compared",
+        "results/solution.json --published 'Apollo 15 reflector'",
     ),
 )
 def compare(options: argparse.Namespace) -> int:
     """Compare solutions with each other and with published positions, test whether they agree, and combine them."""
-    result = radioloc.compare(options.solutions, options.reference, options.target)
+    result = radioloc.compare(options.solutions, options.reference, options.target, options.published)
     return finish(options, result)
 
 

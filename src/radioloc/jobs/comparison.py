@@ -10,6 +10,7 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
+from importlib.resources import files
 from itertools import combinations, compress
 from pathlib import Path
 from typing import Any
@@ -32,18 +33,33 @@ from radioloc.results.comparison import Comparison
 from radioloc.results.recorded import read_recorded
 from radioloc.results.result import Result
 from radioloc.results.state_comparison import StateComparison, state_pair
-from radioloc.results.tables import METHODS, Place, PositionRow, by_axis, place_fields, place_record
+from radioloc.results.tables import (
+    GEOGRAPHIC,
+    METHODS,
+    Place,
+    PositionRow,
+    by_axis,
+    place_fields,
+    place_record,
+)
 from radioloc.study.schema import Hints, TomlTable, check, entry, toml_content
 from radioloc.study.target_file import Place as PositionTable
 from radioloc.study.target_file import position_of
 from radioloc.targets.position_prior import map_tie_names
+from radioloc.text_files import read_rows
 from radioloc.vectors import Floats
 
 _JOINT = "joint estimate"
+_PUBLISHED = Path(str(files("radioloc.lunar"))) / "data" / "published_positions.csv"
+_PUBLISHED_SIGMAS = ("sigma_east_m", "sigma_north_m", "sigma_up_m")
+_PUBLISHED_COLUMNS = ("object", "name", *GEOGRAPHIC, *_PUBLISHED_SIGMAS, "method", "source")
 
 
 def compare(
-    solutions: Iterable[str | Path | Result], reference: str | None = None, target: str | None = None
+    solutions: Iterable[str | Path | Result],
+    reference: str | None = None,
+    target: str | None = None,
+    published: str | None = None,
 ) -> Comparison | StateComparison:
     """Compare solutions as table 1 of Wang et al. (2021) does, test each pair, and combine them.
 
@@ -57,6 +73,8 @@ def compare(
         or else the first solution.
     target : str, optional
         Target to compare, if solutions have several.
+    published : str, optional
+        Object of the table of published positions, such as ``"Chang'e-3"``, whose positions are compared too.
 
     Returns
     -------
@@ -83,6 +101,8 @@ def compare(
     if (states := _recorded_states(solutions, target)) is not None:
         return _compare_states(states)
     recorded, references = _read_all(solutions, target)
+    if published is not None:
+        recorded += _read_published(published, recorded[0].place[2])
     frame = _common_frame(recorded)
     names = _distinct_names(recorded)
     estimates = [replace(item.estimate, name=name) for item, name in zip(recorded, names, strict=True)]
@@ -322,6 +342,36 @@ def _read_stated(path: Path) -> list[RecordedSolution]:
         top.fail("positions", "is missing; each position is a table [positions.NAME]")
     contents = [_content(table, name) for name, table in positions.named().items()]
     return [RecordedSolution(str(path), item, PositionEstimate.from_solution(item)) for item in contents]
+
+
+def published_objects() -> dict[str, list[dict[str, str]]]:
+    """Return the rows of the table of published positions by object."""
+    objects = dict[str, list[dict[str, str]]]()
+    for _, row in read_rows(_PUBLISHED, _PUBLISHED_COLUMNS, "the table of published positions"):
+        objects.setdefault(row["object"], []).append(row)
+    return objects
+
+
+def _read_published(name: str, height_m: float) -> list[RecordedSolution]:
+    """Return the published positions of an object; those without a height have the given one, without a sigma."""
+    objects = {_letters(key): rows for key, rows in published_objects().items()}
+    if _letters(name) not in objects:
+        raise InputError(f"published: expected one of {', '.join(published_objects())}, got {name!r}")
+    recorded = []
+    for row in objects[_letters(name)]:
+        numbers = {key: float(row[key]) for key in (*GEOGRAPHIC, *_PUBLISHED_SIGMAS) if row[key]}
+        stated = {key: numbers[key] for key in GEOGRAPHIC if key in numbers}
+        sigmas_m = [numbers[key] for key in _PUBLISHED_SIGMAS[:2] if key in numbers]
+        keys = {"height_m": height_m, **stated, "name": row["name"]}
+        keys |= {"sigma_m": sigmas_m} if sigmas_m else {}
+        keys |= {"sigma_up_m": numbers["sigma_up_m"]} if "sigma_up_m" in numbers else {}
+        content = _content(TomlTable(_PUBLISHED, row["object"], keys), row["object"])
+        recorded.append(RecordedSolution(str(_PUBLISHED), content, PositionEstimate.from_solution(content)))
+    return recorded
+
+
+def _letters(name: str) -> str:
+    return "".join(filter(str.isalnum, name)).lower()
 
 
 def _content(table: TomlTable, name: str) -> dict[str, Any]:

@@ -11,6 +11,7 @@ from recorded import recorded
 from radioloc import compare
 from radioloc.cli import main
 from radioloc.errors import InputError
+from radioloc.jobs.comparison import published_objects
 
 # Wang et al. (2021), table 1: longitude W, latitude N, and differences to the first in m, which it gives to 0.1.
 TABLE_1 = {
@@ -148,3 +149,30 @@ def test_other_files_frames_and_references_are_refused(table, tmp_path, capsys):
         compare([3])
     with pytest.raises(InputError, match=r"Image matching.*'LOLA'"):
         compare(table, "LOLA")
+
+
+def test_published_positions_are_compared_with_their_sigmas(tmp_path):
+    file = written(tmp_path, solution("mine", (-19.5116, 44.1219, -2640.0)))
+    rows = {row.name: row for row in compare([file], "Klopotek 2019", published="change3").rows}
+    # Klopotek et al. (2019), abstract
+    assert rows["Klopotek 2019"].sigmas_m[:2] == (4.5, 8.9)
+    assert rows["Klopotek 2019"].height_m == pytest.approx(-2637.3)
+    assert rows["mine"].north_m == pytest.approx(-0.9, abs=0.1)
+    assert rows["LROC 637"].height_m == pytest.approx(-2640.0)  # that of the solution
+    with pytest.raises(InputError, match="published"):
+        compare([file], published="Luna 99")
+
+
+def test_every_published_position_can_be_compared_and_has_its_source(tmp_path):
+    file = written(tmp_path, solution("mine", (0.0, 0.0, -1000.0)))
+    for name, rows in published_objects().items():
+        compared = {row.name for row in compare([file], published=name).rows}
+        assert compared >= {row["name"] for row in rows}
+        assert all(row["method"] and row["source"] for row in rows)
+
+
+def test_published_reflector_is_where_laser_ranging_has_it():
+    """JPL IOM 335-JW,DB,WF-20130722-016, table 7, DE430: within the 2 m between the ephemerides."""
+    [row] = published_objects()["Apollo 15 reflector"]
+    assert float(row["latitude_deg"]) == pytest.approx(26.1334178, abs=2.0 / 30300.0)
+    assert float(row["longitude_deg"]) == pytest.approx(3.6284572, abs=2.0 / 27200.0)

@@ -28,6 +28,11 @@ _MAX_SIDE_PIXELS = 1200  # of images in which features are detected
 _FEATURE_COUNT = 1500
 _MIN_WIDTH_MAP_PIXELS = 90  # of images that are compared with the map
 _MAX_SEARCHES = 6  # of the whole map, for the first images
+# log10 of the false alarms of a search that ends it: finer levels cannot change the place, only refine it.
+_MAX_CERTAIN_ALARMS = -20.0
+# Pixel size as a part of the map's below which images are reduced by two: their tie points stay finer than the map's.
+_MAX_REDUCED_PIXEL_PART = 0.4
+_MIN_REDUCED_SIDE_PIXELS = 500  # so that frames far apart in scale keep enough features in common
 _SEARCH_PIXELS = 500, 4200  # sides of the whole map, reduced, for searches
 _PREDICTION_ERROR_PART = 0.08  # of an image's width: error of a prediction along the chain
 _DETECTED, _REDUCED = range(2)  # measurements: features, and features at the map's pixel size
@@ -132,6 +137,8 @@ class ImageChain:
             raise InputError(f"{frame.name} has {pixels.shape} lines and samples, the mask {self.mask.shape}")
         size = (pixels.shape[1], pixels.shape[0])
         reduction = max(1, -(-max(size) // _MAX_SIDE_PIXELS))
+        if max(size) >= 2 * reduction * _MIN_REDUCED_SIDE_PIXELS and self._is_finer_than_map(reduction):
+            reduction *= 2
         camera = None if frame.camera is None else frame.camera(pixels.shape)
         image = ChainImage(frame.name, size, FrameStatus.UNMATCHED, camera=camera)
         image.features = features = self._features(image, pixels, reduction)
@@ -159,6 +166,14 @@ class ImageChain:
                 best, image.to_plane = len(matches.first), _product(earlier.to_plane, matches.matrix)
         self._tie_to_map(number, pixels, reduction)
 
+    def _is_finer_than_map(self, reduction: int) -> bool:
+        """Return True if the pixels of the previous image, reduced, are much smaller than those of the map."""
+        previous = self.images[-1] if self.images else None
+        if previous is None or previous.to_plane is None:
+            return False
+        pixel_m = reduction * pixel_size_m(previous.to_plane, previous.size)
+        return pixel_m < _MAX_REDUCED_PIXEL_PART * self.map.base.resolution_m
+
     def _features(self, image: ChainImage, pixels: Image, reduction: int) -> Features:
         """Detect features of an image reduced by a whole number, at undistorted pixels of full size."""
         cv2 = load_opencv()
@@ -181,20 +196,22 @@ class ImageChain:
         result: tuple[Matches, MapPart] | None = None
         features, first = image.features, image.first
         assert features is not None
-        if image.to_plane is not None:
-            pixel_m = pixel_size_m(image.to_plane, image.size)
-            width_m = pixel_m * max(image.size)
-            if width_m < _MIN_WIDTH_MAP_PIXELS * self.map.base.resolution_m:
-                return
-            map_reduction = int(self.map.base.resolution_m / pixel_m)
-            if map_reduction > 1.5 * reduction:
-                features = self._features(image, pixels, map_reduction)
-                first = self.tracks.add(number, _REDUCED, features.pixels, features.sigma_px)
-            level = self.map.level(pixel_m * max(reduction, map_reduction))
-            result = self._match_predicted(features, image.to_plane, image.size, level, width_m)
-        elif self.searches < _MAX_SEARCHES:
+        to_plane = image.to_plane
+        if to_plane is None and self.searches < _MAX_SEARCHES:
             self.searches += 1
             result = self._search_map(features)
+            if result is not None and result[0].matrix is not None:
+                to_plane = result[1].to_plane @ result[0].matrix
+        if to_plane is not None:
+            pixel_m = pixel_size_m(to_plane, image.size)
+            width_m = pixel_m * max(image.size)
+            if width_m >= _MIN_WIDTH_MAP_PIXELS * self.map.base.resolution_m:
+                map_reduction = int(self.map.base.resolution_m / pixel_m)
+                if map_reduction > 1.5 * reduction and result is None:
+                    features = self._features(image, pixels, map_reduction)
+                    first = self.tracks.add(number, _REDUCED, features.pixels, features.sigma_px)
+                level = self.map.level(pixel_m * max(reduction, map_reduction))
+                result = self._match_predicted(features, to_plane, image.size, level, width_m) or result
         if result is None:
             return
         matches, part = result
@@ -233,6 +250,8 @@ class ImageChain:
             matches = match(features, part.features)
             if matches.matrix is not None:
                 results.append((matches, part))
+                if matches.log10_false_alarms < _MAX_CERTAIN_ALARMS:
+                    break
         return min(results, key=lambda result: result[0].log10_false_alarms, default=None)
 
     def require_descent(self) -> None:

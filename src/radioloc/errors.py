@@ -34,9 +34,8 @@ _MAX_PROBLEM_CHARACTERS = 1000
 _MAX_MESSAGE_CHARACTERS = 3000
 _MESSAGE_END_CHARACTERS = 500  # kept when a message is shortened, because its end states the remedy
 _MAX_RAW_CHARACTERS = 100_000  # bounds the time of the search for long texts
-_VISIBLE = (
-    "\n\t\u00a0\u200c\u200d"  # unprintable by Python's definition, but part of the text of several scripts
-)
+# Unprintable by Python's definition, but part of the text of several scripts.
+_VISIBLE = "\n\t\u00a0\u200c\u200d"
 
 
 def visible(text: str) -> str:

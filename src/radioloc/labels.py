@@ -15,18 +15,10 @@ USED = "used"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Labels:
-    """Column of texts with four bytes a row; indexing returns an array of str.
+    """Column of texts with four bytes a row; indexing returns an array of str."""
 
-    Parameters
-    ----------
-    codes : ndarray of int32, shape (n,)
-        Index into `texts`.
-    texts : tuple of str
-        Distinct texts.
-    """
-
-    codes: NDArray[np.int32]
-    texts: tuple[str, ...]
+    codes: NDArray[np.int32]  #: (n,), index into `texts`
+    texts: tuple[str, ...]  #: distinct texts
 
     @classmethod
     def of(cls, values: Labels | ArrayLike | Sequence[str]) -> Labels:

@@ -130,30 +130,18 @@ JSON = flag("--json", "print the result as JSON and nothing else")
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """A command of the command line, for the group of entry points ``radioloc.commands``.
+    """A command of the command line, for the group of entry points ``radioloc.commands``."""
 
-    Parameters
-    ----------
-    name : str
-        Name, such as ``leave-one-out``.
-    summary : str
-        Sentence that describes the command.
-    arguments : tuple of Argument
-        Arguments beside ``--quiet`` and ``--verbose``, which all commands have.
-    run : callable
-        Function of the parsed arguments that does the work and returns the exit status. Slow imports are
-        imported inside it. The attribute ``parser`` of the arguments is the parser of the command.
-    examples : tuple of str
-        Arguments of examples, shown with the help.
-    help_tables : callable
-        Function that returns tables shown below the help: by title, names with their descriptions.
-    """
-
-    name: str
-    summary: str
-    arguments: tuple[Argument, ...]
+    name: str  #: name, such as ``leave-one-out``
+    summary: str  #: sentence that describes the command
+    arguments: tuple[
+        Argument, ...
+    ]  #: arguments beside ``--quiet`` and ``--verbose``, which all commands have
+    #: Function of the parsed arguments that does the work and returns the exit status. Slow imports are imported
+    #: inside it. The attribute ``parser`` of the arguments is the parser of the command.
     run: Callable[[argparse.Namespace], int]
-    examples: tuple[str, ...] = ()
+    examples: tuple[str, ...] = ()  #: arguments of examples, shown with the help
+    #: Function that returns tables shown below the help: by title, names with their descriptions.
     help_tables: Callable[[], Rows] = dict
 
 

@@ -41,9 +41,8 @@ class ForceData(NamedTuple):
     scales: Floats  # factors of PARTS: 1, or k2 and the radiation coefficient
     empirical: Floats  # shape (n, FIRST_COMPONENT + COMPONENT_COUNT)
     phase: Floats  # directions of phase zero and 90 deg of periodic accelerations, shape (2, 3)
-    permanent: (
-        Floats  # tide-raising tensor that the field's coefficients include, its axes, 1/s^2, shape (3, 3)
-    )
+    # Tide-raising tensor that the field's coefficients include, its axes, 1/s^2, shape (3, 3).
+    permanent: Floats
 
 
 DONE, STUCK, IN_MOON, IN_EARTH, TOO_MANY = range(5)
@@ -59,9 +58,8 @@ class Collocation(NamedTuple):
 
     ends: Floats  # the nodes, and the end of the step, shape (NODES + 1,)
     to_series: Floats  # from values at the nodes to their Legendre series, shape (NODES, NODES)
-    to_speeds: (
-        Floats  # from values at the nodes to their integrals from -1 to the ends, shape (NODES + 1, NODES)
-    )
+    # From values at the nodes to their integrals from -1 to the ends, shape (NODES + 1, NODES).
+    to_speeds: Floats
     to_places: Floats  # from values at the nodes to the integrals of these integrals
 
 

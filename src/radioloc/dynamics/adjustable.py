@@ -35,20 +35,20 @@ class AdjustableOrbit:
     Its states are integrated on request, or follow from the partials of a near orbit that is integrated already.
     """
 
-    epoch: Epochs  # single epoch, TDB
-    state: Floats  # at the epoch relative to the Moon's centre, ICRF axes, m and m/s, shape (6,)
+    epoch: Epochs  #: single epoch, TDB
+    state: Floats  #: at the epoch relative to the Moon's centre, ICRF axes, m and m/s, shape (6,)
     forces: Forces
-    span_s: tuple[float, float]  # first and last time of interest, TDB seconds from the epoch
-    parameters: tuple[str, ...]  # names of estimated parameters of the forces
+    span_s: tuple[float, float]  #: first and last time of interest, TDB seconds from the epoch
+    parameters: tuple[str, ...]  #: names of estimated parameters of the forces
     ephemeris: Ephemeris
     libration: LunarOrientation
-    name: str = "orbit"  # in messages
-    touchdown: Epochs | None = None  # start of the rest on the Moon, TDB
-    # Changes of the states by errors (`effects`), which then are the parameters in place of state and forces.
+    name: str = "orbit"  #: in messages
+    touchdown: Epochs | None = None  #: start of the rest on the Moon, TDB
+    #: Changes of the states by errors (`effects`), which then are the parameters in place of state and forces.
     errors: Callable[[Epochs], Floats] | None = None
-    min_radius_m: float = MIN_RADIUS_M  # smallest permitted distance from the Moon's centre
-    # Integrated orbits with the values of their parameters; copies share them if they differ only in these values, in
-    # their span or in the degree of their partials.
+    min_radius_m: float = MIN_RADIUS_M  #: smallest permitted distance from the Moon's centre
+    #: Integrated orbits with the values of their parameters; copies share them if they differ only in these values, in
+    #: their span or in the degree of their partials.
     integrated: list[tuple[Floats, Orbit]] = field(default_factory=list)
 
     def __str__(self) -> str:

@@ -32,21 +32,6 @@ class Acceleration:
     The acceleration is constant + cosine cos u + sine sin u; u is the angle along the orbit from the position at the
     epoch of the arc.
 
-    Parameters
-    ----------
-    name : str
-    axes : {"RTN", "ICRF"}
-        Radial, transverse and normal axes, or axes of the ICRF.
-    constant_m_s2, cosine_m_s2, sine_m_s2 : tuple of float
-        Components along the axes, m/s^2.
-    start, stop : Epochs, optional
-        Single epochs, TDB; an open end by default.
-    normal : tuple of float, optional
-        Normal of a fixed plane of radial, transverse and normal axes, ICRF axes. In a descent the orbital plane turns
-        and degenerates.
-    sigma_m_s2 : float, optional
-        A-priori sigma of each component of the constant; by default it is not estimated.
-
     Raises
     ------
     InputError
@@ -54,13 +39,16 @@ class Acceleration:
     """
 
     name: str
-    axes: Axes = "RTN"
-    constant_m_s2: Vector = _ZERO
-    cosine_m_s2: Vector = _ZERO
-    sine_m_s2: Vector = _ZERO
-    start: Tdb | None = None
-    stop: Tdb | None = None
+    axes: Axes = "RTN"  #: "RTN", "ICRF": radial, transverse and normal axes, or axes of the ICRF
+    constant_m_s2: Vector = _ZERO  #: components along the axes, m/s^2
+    cosine_m_s2: Vector = _ZERO  #: likewise
+    sine_m_s2: Vector = _ZERO  #: likewise
+    start: Tdb | None = None  #: single epochs, TDB; an open end by default
+    stop: Tdb | None = None  #: likewise
+    #: Normal of a fixed plane of radial, transverse and normal axes, ICRF axes. In a descent the orbital plane
+    #: turns and degenerates.
     normal: Vector | None = None
+    #: A-priori sigma of each component of the constant; by default it is not estimated.
     sigma_m_s2: float | None = None
 
     def __post_init__(self) -> None:
@@ -92,7 +80,7 @@ class Impulse:
     name: str
     epoch: Tdb
     delta_v_m_s: Vector = _ZERO
-    axes: Axes = "RTN"  # radial, transverse and normal of the state before, or ICRF
+    axes: Axes = "RTN"  #: radial, transverse and normal of the state before, or ICRF
 
     def __post_init__(self) -> None:
         convert_fields(self)
@@ -111,33 +99,6 @@ class Forces:
 
     Each can be omitted; docs/dynamics.md has their equations and sizes.
 
-    Parameters
-    ----------
-    gravity : GravityField
-        Harmonics to the field's degree (:meth:`GravityField.open`).
-    gm_m3_s2 : float, optional
-        GM of the Moon; that of the ephemeris by default, which is TDB-compatible like the relativity of this class.
-        Fields made without these terms, such as GRGM660PRIM, have a GM that is smaller by 5e-8.
-    bodies : tuple of str
-        Point masses, of earth, sun, venus, jupiter, saturn; a body that the ephemeris lacks is an error.
-    k2 : float
-        Love number of the Moon's tides by Earth and Sun. Only their variable part is added to a field whose tide system
-        is ``zero_tide``, which contains the permanent part in C20 and C22.
-    figures : bool
-        The Earth's J2, and the pull of the Earth at the Moon's figure.
-    relativity : bool
-        Post-Newtonian terms of Moon, Earth and Sun in barycentric coordinates.
-    radiation_m2_kg : float
-        Radiation coefficient times area over mass, C_R A/m, of sunlight (with the shadows of the Moon and the Earth).
-    moonlight : bool
-        Whether to add the pressure of light and heat from the Moon's ground, with the same coefficient.
-    accelerations : tuple of Acceleration
-        Empirical accelerations and finite manoeuvres.
-    impulses : tuple of Impulse
-        Impulsive manoeuvres.
-    gradient_degree : int
-        Highest degree of the harmonics in the partials.
-
     Raises
     ------
     InputError
@@ -153,17 +114,25 @@ class Forces:
     0.012
     """
 
-    gravity: GravityField
+    gravity: GravityField  #: harmonics to the field's degree (:meth:`GravityField.open`)
+    #: GM of the Moon; that of the ephemeris by default, which is TDB-compatible like the relativity of this
+    #: class. Fields made without these terms, such as GRGM660PRIM, have a GM that is smaller by 5e-8.
     gm_m3_s2: float | None = None
+    #: Point masses, of earth, sun, venus, jupiter, saturn; a body that the ephemeris lacks is an error.
     bodies: tuple[str, ...] = BODIES
-    k2: float = 0.02416  # Williams et al. (2014), J. Geophys. Res. Planets 119, 1546
-    figures: bool = True
-    relativity: bool = True
+    #: Love number of the Moon's tides by Earth and Sun. Only their variable part is added to a field whose tide
+    #: system is ``zero_tide``, which contains the permanent part in C20 and C22.
+    k2: float = 0.02416  #: Williams et al. (2014), J. Geophys. Res. Planets 119, 1546
+    figures: bool = True  #: the Earth's J2, and the pull of the Earth at the Moon's figure
+    relativity: bool = True  #: post-Newtonian terms of Moon, Earth and Sun in barycentric coordinates
+    #: Radiation coefficient times area over mass, C_R A/m, of sunlight (with the shadows of the Moon and the
+    #: Earth).
     radiation_m2_kg: float = 0.0
+    #: Whether to add the pressure of light and heat from the Moon's ground, with the same coefficient.
     moonlight: bool = True
-    accelerations: tuple[Acceleration, ...] = ()
-    impulses: tuple[Impulse, ...] = ()
-    gradient_degree: int = 40
+    accelerations: tuple[Acceleration, ...] = ()  #: empirical accelerations and finite manoeuvres
+    impulses: tuple[Impulse, ...] = ()  #: impulsive manoeuvres
+    gradient_degree: int = 40  #: highest degree of the harmonics in the partials
 
     def __post_init__(self) -> None:
         convert_fields(self)

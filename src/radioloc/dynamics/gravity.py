@@ -45,14 +45,14 @@ class GravityField:
 
     name: str
     gm_m3_s2: float
-    radius_m: float  # R
-    frame: str  # axes, such as PA_DE421
-    tide_system: str  # tide_free, zero_tide (C20 and C22 have the permanent tide) or unknown (as tide_free)
-    c: Floats  # shape (degree + 1, degree + 1), by degree and order
+    radius_m: float  #: R
+    frame: str  #: axes, such as PA_DE421
+    tide_system: str  #: tide_free, zero_tide (C20 and C22 have the permanent tide) or unknown (as tide_free)
+    c: Floats  #: shape (degree + 1, degree + 1), by degree and order
     s: Floats
-    sigma_c: Floats  # formal; zeros if the file lacks them
+    sigma_c: Floats  #: formal; zeros if the file lacks them
     sigma_s: Floats
-    notes: tuple[str, ...] = ()  # assumptions about properties that the file does not state
+    notes: tuple[str, ...] = ()  #: assumptions about properties that the file does not state
 
     @classmethod
     def open(

@@ -63,12 +63,12 @@ class Orbit:
     """Integrated orbit about the Moon, from :func:`propagate`."""
 
     name: str
-    epoch: Epochs  # single epoch, TDB
+    epoch: Epochs  #: single epoch, TDB
     forces: Forces
-    parameters: tuple[str, ...]  # of the partials, the state first; empty without partials
-    legs: tuple[Leg, ...]  # in the order of time
-    surface_rest: SurfaceRest | None = None  # after the last leg
-    changes: Floats | None = None  # of the parameters, applied to the states to first order
+    parameters: tuple[str, ...]  #: of the partials, the state first; empty without partials
+    legs: tuple[Leg, ...]  #: in the order of time
+    surface_rest: SurfaceRest | None = None  #: after the last leg
+    changes: Floats | None = None  #: of the parameters, applied to the states to first order
 
     @property
     def flight_s(self) -> tuple[float, float]:

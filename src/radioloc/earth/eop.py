@@ -73,15 +73,15 @@ class EopTable:
         The columns differ in length, dates do not rise, or UT1 - UTC contradicts the leap seconds.
     """
 
-    mjd_utc: Floats  # rising
-    xp_rad: Floats  # pole
+    mjd_utc: Floats  #: rising
+    xp_rad: Floats  #: pole
     yp_rad: Floats
-    ut1_minus_utc_s: Floats  # with its leap steps
-    dx_rad: Floats  # celestial pole offsets from IAU 2006/2000A; NaN where not given
+    ut1_minus_utc_s: Floats  #: with its leap steps
+    dx_rad: Floats  #: celestial pole offsets from IAU 2006/2000A; NaN where not given
     dy_rad: Floats
-    predicted: NDArray[np.bool_]  # whether any value of the day is a prediction
-    sources: tuple[str, ...] = ()  # where the values come from, for the record of a result
-    beyond: tuple[str, float] | None = None  # how days after one (MJD UTC) were added (eop_prediction)
+    predicted: NDArray[np.bool_]  #: whether any value of the day is a prediction
+    sources: tuple[str, ...] = ()  #: where the values come from, for the record of a result
+    beyond: tuple[str, float] | None = None  #: how days after one (MJD UTC) were added (eop_prediction)
     _nodes_tt: Epochs = field(init=False)
     _values: Floats = field(init=False)
 

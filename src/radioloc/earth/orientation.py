@@ -57,9 +57,9 @@ class EarthOrientation:
 
     table: EopTable
     _: KW_ONLY
-    subdaily_tides: bool = True  # of the oceans; up to 3 cm on the ground by the pole, 4 cm by UT1
-    libration: bool = True  # diurnal of the pole, semidiurnal of UT1; up to 2 mm on the ground each
-    zonal_tides: bool = True  # taken out of UT1 between days and put back; up to 1.2 mm on the ground
+    subdaily_tides: bool = True  #: of the oceans; up to 3 cm on the ground by the pole, 4 cm by UT1
+    libration: bool = True  #: diurnal of the pole, semidiurnal of UT1; up to 2 mm on the ground each
+    zonal_tides: bool = True  #: taken out of UT1 between days and put back; up to 1.2 mm on the ground
 
     @classmethod
     def default(cls) -> EarthOrientation:

@@ -62,59 +62,34 @@ _MAX_SIMILAR = 5
 class Station:
     """Tracking station.
 
-    Parameters
-    ----------
-    name : str
-        Name in the catalogue.
-    aliases : tuple of str
-        Other names: codes, CDP pad number.
-    kind : {"llr", "vlbi", "ttc"}
-        Laser ranging, VLBI, or tracking, telemetry and command.
-    itrf_m : array_like, Quantity or EarthLocation, shape (3,)
-        Reference point in the `frame` at `epoch_year`, m where it has no unit.
-    epoch_year : float or Time
-        Epoch of the position, Julian year TT.
-    quality : {"survey", "approximate", "rounded"}
-        Accurate to centimetres; to about a metre; or published with errors of 100 m to 1 km.
-    source : str
-        Source of the position.
-    velocity_m_yr : array_like or Quantity, shape (3,), optional
-        Velocity in the `frame`, m per Julian year; None (unknown) keeps the station fixed.
-    ocean_loading : BlqCoefficients, optional
-        Ocean tide loading; without coefficients the model lacks the term.
-    mount : str
-        Mount of the antenna, by its fixed axis, of :data:`MOUNTS`.
-    complex, country : str
-        Observatory or network, and country; empty if unknown.
-    sigma_m : float or Quantity, optional
-        Standard deviation of each coordinate, m; by default that of the quality.
-    axis_offset_m : float or Quantity, optional
-        Distance of the moving axis from the fixed one, which contains the reference point, in the direction of
-        pointing, m; if it is None (unknown), the model lacks the term.
-    frame : str
-        Realization of the ITRF of position and velocity, ``"ITRF93"`` to ``"ITRF2020"``; today's WGS 84 is ITRF2020 to
-        some centimetres.
-
     Raises
     ------
     StationError
         A field is not usable.
     """
 
-    name: str
-    aliases: tuple[str, ...]
-    kind: str
-    itrf_m: Floats
-    epoch_year: float
+    name: str  #: name in the catalogue
+    aliases: tuple[str, ...]  #: other names: codes, CDP pad number
+    kind: str  #: "llr", "vlbi", "ttc": laser ranging, VLBI, or tracking, telemetry and command
+    itrf_m: Floats  #: (3,), reference point in the `frame` at `epoch_year`, m where it has no unit
+    epoch_year: float  #: epoch of the position, Julian year TT
+    #: "survey", "approximate", "rounded": accurate to centimetres; to about a metre; or published with errors of
+    #: 100 m to 1 km.
     quality: str
-    source: str
+    source: str  #: source of the position
+    #: (3,), velocity in the `frame`, m per Julian year; None (unknown) keeps the station fixed.
     velocity_m_yr: Floats | None = None
+    #: Ocean tide loading; without coefficients the model lacks the term.
     ocean_loading: BlqCoefficients | None = None
-    mount: str = "azimuth_elevation"
+    mount: str = "azimuth_elevation"  #: mount of the antenna, by its fixed axis, of :data:`MOUNTS`
+    #: Distance of the moving axis from the fixed one, which contains the reference point, in the direction of
+    #: pointing, m; if it is None (unknown), the model lacks the term.
     axis_offset_m: float | None = None
-    sigma_m: float | None = None
-    complex: str = ""
-    country: str = ""
+    sigma_m: float | None = None  #: standard deviation of each coordinate, m; by default that of the quality
+    complex: str = ""  #: observatory or network, and country; empty if unknown
+    country: str = ""  #: likewise
+    #: Realization of the ITRF of position and velocity, ``"ITRF93"`` to ``"ITRF2020"``; today's WGS 84 is
+    #: ITRF2020 to some centimetres.
     frame: str = "ITRF2020"
 
     def __post_init__(self) -> None:

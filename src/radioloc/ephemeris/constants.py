@@ -33,17 +33,17 @@ _MASSIVE = ("sun", "earth", "moon", "venus", "jupiter", "saturn")
 class EphemerisConstants:
     """Constants of one ephemeris, TDB-compatible."""
 
-    name: str  # such as DE421
+    name: str  #: such as DE421
     gm_sun_m3_s2: float
     gm_earth_m3_s2: float
     gm_moon_m3_s2: float
     gm_venus_m3_s2: float
-    gm_jupiter_m3_s2: float  # of the planet with its moons, as Saturn's
+    gm_jupiter_m3_s2: float  #: of the planet with its moons, as Saturn's
     gm_saturn_m3_s2: float
-    pa_to_me_arcsec: tuple[float, float, float]  # about x, y, z: ME = Rx(x) Ry(y) Rz(z) PA, of the axes
-    me_frame: str  # the mean-Earth axes that the angles lead to
-    h2: float  # degree-2 displacement Love number, radial
-    l2: float  # and tangential
+    pa_to_me_arcsec: tuple[float, float, float]  #: about x, y, z: ME = Rx(x) Ry(y) Rz(z) PA, of the axes
+    me_frame: str  #: the mean-Earth axes that the angles lead to
+    h2: float  #: degree-2 displacement Love number, radial
+    l2: float  #: and tangential
 
     def gm_m3_s2(self, body: str) -> float:
         """Return the GM of a body, m^3/s^2."""

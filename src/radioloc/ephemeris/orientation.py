@@ -70,8 +70,8 @@ _FRAMES = {code: LUNAR_AXES[code].frame for code in (31006, 31008)}
 class LunarOrientation:
     """Orientation of the principal axes of one ephemeris; opened by :meth:`LunarOrientation.open`."""
 
-    frame: str  # the axes, such as PA_DE421
-    frame_code: int  # NAIF's code of the axes
+    frame: str  #: the axes, such as PA_DE421
+    frame_code: int  #: NAIF's code of the axes
     pck: Kernel
 
     @classmethod

@@ -41,8 +41,8 @@ class EarthState:
 class Ephemeris:
     """A planetary and lunar ephemeris; opened by :meth:`Ephemeris.open`."""
 
-    name: str  # such as DE421
-    constants: EphemerisConstants  # masses, Love numbers and axes that belong to it
+    name: str  #: such as DE421
+    constants: EphemerisConstants  #: masses, Love numbers and axes that belong to it
     spk: Kernel
 
     @classmethod

@@ -84,11 +84,11 @@ class TrajectorySegment:
 class Trajectory:
     """Trajectory of a body from an SPK, opened by :meth:`Trajectory.open`."""
 
-    kernel: KernelFile  # its span is from the body's first epoch to its last, gaps or not
-    body: int  # NAIF code
-    segments: tuple[TrajectorySegment, ...]  # in the file's order
-    bases: Mapping[int, Trajectory]  # of the centres that the same file gives, by NAIF code
-    covered_s: tuple[tuple[float, float], ...]  # disjoint spans, TDB seconds since J2000, in order
+    kernel: KernelFile  #: its span is from the body's first epoch to its last, gaps or not
+    body: int  #: NAIF code
+    segments: tuple[TrajectorySegment, ...]  #: in the file's order
+    bases: Mapping[int, Trajectory]  #: of the centres that the same file gives, by NAIF code
+    covered_s: tuple[tuple[float, float], ...]  #: disjoint spans, TDB seconds since J2000, in order
 
     @classmethod
     def open(cls, path: str | Path, body: int) -> Trajectory:

@@ -28,30 +28,18 @@ _STEP_TOLERANCE_M = 1e-5
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReferenceComparison(LocalDifference):
-    """The estimate less a known position.
+    """The estimate less a known position."""
 
-    Parameters
-    ----------
-    name : str
-        Reference of the comparison.
-    longitude_deg, latitude_deg, height_m : float
-        Where that is: east longitude and latitude in mean-Earth axes, deg, height above the 1737.4 km sphere, m.
-    east_m, north_m, up_m : float
-        The arc along the sphere, by its direction at the estimate, and the difference of heights, m.
-    east_sigmas, north_sigmas, up_sigmas : float or None
-        The same in total standard deviations; None where that is zero or infinite.
-    combined_sigmas : float or None
-        Length of the difference in standard deviations, correlations considered (Mahalanobis distance);
-        below 2.80 in 95 % of cases if both positions are right. None where the covariance has no inverse.
-    """
-
-    name: str
+    name: str  #: reference of the comparison
+    #: Where that is: east longitude and latitude in mean-Earth axes, deg, height above the 1737.4 km sphere, m.
     longitude_deg: float
-    latitude_deg: float
-    height_m: float
-    east_sigmas: float | None
-    north_sigmas: float | None
-    up_sigmas: float | None
+    latitude_deg: float  #: likewise
+    height_m: float  #: likewise
+    east_sigmas: float | None  #: the same in total standard deviations; None where that is zero or infinite
+    north_sigmas: float | None  #: likewise
+    up_sigmas: float | None  #: likewise
+    #: Length of the difference in standard deviations, correlations considered (Mahalanobis distance); below
+    #: 2.80 in 95 % of cases if both positions are right. None where the covariance has no inverse.
     combined_sigmas: float | None
 
     def to_dict(self) -> dict[str, Any]:
@@ -61,19 +49,11 @@ class ReferenceComparison(LocalDifference):
 
 @dataclass(frozen=True, slots=True)
 class Ellipse:
-    """An error ellipse in the horizontal plane.
+    """An error ellipse in the horizontal plane."""
 
-    Parameters
-    ----------
-    semi_major_m, semi_minor_m : float
-        Semi-axes, m.
-    azimuth_deg : float
-        Direction of the major axis from north over east, 0 to 180 deg.
-    """
-
-    semi_major_m: float
-    semi_minor_m: float
-    azimuth_deg: float
+    semi_major_m: float  #: semi-axes, m
+    semi_minor_m: float  #: likewise
+    azimuth_deg: float  #: direction of the major axis from north over east, 0 to 180 deg
 
 
 def horizontal_ellipse(covariance_en_m2: Floats, probability: float = 0.95) -> Ellipse:

@@ -34,9 +34,8 @@ NOISE, A_PRIORI, EPHEMERIS = "measurement noise", "a priori", "ephemeris"
 UNMODELLED_ERROR = "unmodelled_error"
 """Kind of the difference between the estimates without and with the errors that the consistency tests find."""
 
-_MIN_EFFECT_SIGMAS = (
-    0.1  # smallest effect on the estimate: its square is the relative change of a variance, 1 %
-)
+# Smallest effect on the estimate: its square is the relative change of a variance, 1 %.
+_MIN_EFFECT_SIGMAS = 0.1
 _MIN_EFFECT_VARIANCE = 1e-4  # smallest variance of an effect relative to that of the residuals
 _EFFECT_COLUMN_COUNT = 16  # number of columns above which parts have fewer rows
 

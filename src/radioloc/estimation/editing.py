@@ -38,9 +38,8 @@ limit 40 of 100 wrong ranges are rejected without a message (`tests/unit/estimat
 _MAX_PASSES = 20
 _MIN_STUDENTIZED_RATIO = 0.2  # sigma of a residual over that of its observation: leverages up to 0.96
 
-_MIN_RUN_COUNT = (
-    3  # successive outliers of one sign: unrelated ones are that by chance in 1 of 10,000 at 3 % outliers
-)
+# Successive outliers of one sign: unrelated ones are that by chance in 1 of 10,000 at 3 % outliers.
+_MIN_RUN_COUNT = 3
 
 # Cycle slips
 _SLIP_TOLERANCE_SIGMAS = 5.0  # distance of a residual from whole cycles

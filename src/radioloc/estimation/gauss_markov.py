@@ -176,27 +176,13 @@ def half_products(
 
 @dataclass(frozen=True, slots=True)
 class SeriesCorrelation:
-    """A series whose residuals are correlated in time.
+    """A series whose residuals are correlated in time."""
 
-    Parameters
-    ----------
-    name : str
-        The series.
-    count : int
-        Its used observations.
-    effective_count : float
-        How many independent ones would give their mean as well.
-    correlation_time_s : float
-        Time in which the correlation of the Gauss-Markov process falls to 1/e, s.
-    share : float
-        Part of the residuals' variance that the process has, 0 to 1.
-    """
-
-    name: str
-    count: int
-    effective_count: float
-    correlation_time_s: float
-    share: float
+    name: str  #: the series
+    count: int  #: its used observations
+    effective_count: float  #: how many independent ones would give their mean as well
+    correlation_time_s: float  #: time in which the correlation of the Gauss-Markov process falls to 1/e, s
+    share: float  #: part of the residuals' variance that the process has, 0 to 1
 
     def __str__(self) -> str:
         time_s = self.correlation_time_s
@@ -212,21 +198,12 @@ class SeriesCorrelation:
 
 @dataclass(frozen=True, slots=True)
 class SeriesWeight:
-    """Weight of a series with time-correlated residuals.
+    """Weight of a series with time-correlated residuals."""
 
-    Parameters
-    ----------
-    name : str
-        The series; observations of a type that share errors are one.
-    count : int
-        Its used observations.
-    sigma_factor : float
-        Factor on the stated sigmas, 1 or more, by which independent observations would determine the mean of the
-        series equally well.
-    """
-
-    name: str
-    count: int
+    name: str  #: the series; observations of a type that share errors are one
+    count: int  #: its used observations
+    #: Factor on the stated sigmas, 1 or more, by which independent observations would determine the mean of the
+    #: series equally well.
     sigma_factor: float
 
     @property
@@ -237,20 +214,12 @@ class SeriesWeight:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TimeCorrelation:
-    """Effect of correlation in time on the covariance.
+    """Effect of correlation in time on the covariance."""
 
-    Parameters
-    ----------
-    series : tuple of SeriesCorrelation
-        Series with significant correlation.
-    added_covariance : ndarray, shape (p, p)
-        To add to the covariance of the parameters; no variance becomes smaller by it.
-    noise : mapping of str to SeriesNoise
-        Of all series that determine theirs by their keys, in their order, in units of the stated noise.
-    """
-
-    series: tuple[SeriesCorrelation, ...]
+    series: tuple[SeriesCorrelation, ...]  #: series with significant correlation
+    #: (p, p), to add to the covariance of the parameters; no variance becomes smaller by it.
     added_covariance: Floats
+    #: Of all series that determine theirs by their keys, in their order, in units of the stated noise.
     noise: Mapping[str, SeriesNoise]
 
 

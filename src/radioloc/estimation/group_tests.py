@@ -31,9 +31,8 @@ from radioloc.noise.whitening import Blocks, Diagonal, Rows, RowsOf, Structure, 
 from radioloc.units import set_fields
 from radioloc.vectors import Floats
 
-_MIN_SQUARE_FRACTION = (
-    1e-6  # smallest fraction of a column outside the span of the design matrix; less is rounding
-)
+# Smallest fraction of a column outside the span of the design matrix; less is rounding.
+_MIN_SQUARE_FRACTION = 1e-6
 _MAX_BIN_ROWS = 16  # rows of a bin whose partials are computed: partials are smooth within a bin
 _BATCH_POINTS, _MIN_BATCHES = 10, 5  # batches whose sums show whether residuals are still correlated
 _MEDIAN_CHI2_1 = 0.4549  # median of chi-square with one degree of freedom

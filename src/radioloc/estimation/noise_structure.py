@@ -47,9 +47,8 @@ _SHARED_SIGNIFICANCE_LEVEL = 0.01
 _MAX_STEPS = 20
 _STEP_TOLERANCE = 1e-6  # relative change of the components at convergence
 _MIN_OWN_VARIANCE_FRACTION = 1e-2  # smallest baseline variance in a step; zero would make closures exact
-_MAX_STATION_SIGMA_RATIO = (
-    1e3  # largest sigma of a station over that of a baseline; more is an error of the model
-)
+# Largest sigma of a station over that of a baseline; more is an error of the model.
+_MAX_STATION_SIGMA_RATIO = 1e3
 _ROUNDING = 1e-9
 _MAX_STEP_S = 1800.0  # mean time between successive residuals: errors of the model vary over hours
 MIN_DIFFERENCES = 20  # second differences of a series that determine its noise to a half
@@ -57,9 +56,8 @@ _LOWER_QUARTILE = 0.3186  # of the size of normal residuals; outliers move it le
 _MIN_NOISE_RATIO = 3.0
 """Noise over stated sigmas from which the limit of five sigmas rejects a tenth of good data. A quarter of outliers
 feeds second differences by less."""
-_MIN_OUTLIER_FRACTION = (
-    0.05  # of a series with larger noise than that: half of what the limit of five sigmas rejects
-)
+# Of a series with larger noise than that: half of what the limit of five sigmas rejects.
+_MIN_OUTLIER_FRACTION = 0.05
 _MIN_SQUARE_SUM = 1e-99  # sum of squares of residuals of zero
 _MIN_VARIANCE_RATIO = 2.0  # ratio of the variance of a station to the mean, for variances of each station
 

@@ -30,25 +30,15 @@ _SMALLEST_WEIGHT = 0.05  # parts of a direction below this are left out of its t
 
 @dataclass(frozen=True, slots=True)
 class Direction:
-    """A combination of parameters: a unit vector, each part counted in its parameter's scale.
+    """A combination of parameters: a unit vector, each part counted in its parameter's scale."""
 
-    Parameters
-    ----------
-    weights : dict of str to float
-        Parts by parameter, the largest first; the squares add up to nearly one, the first is positive.
-    sigma : float
-        Standard deviation along it, in parameter scales; infinite where undetermined. Formal, or with correlated
-        weights that of the weights.
-    unit : str
-        Unit of `sigma`: ``"m"`` if all parts are in metres, otherwise ``"scales"``.
-    changes : tuple of str
-        How far each parameter moves along one sigma, with its unit.
-    """
-
+    #: Parts by parameter, the largest first; the squares add up to nearly one, the first is positive.
     weights: dict[str, float]
+    #: Standard deviation along it, in parameter scales; infinite where undetermined. Formal, or with correlated
+    #: weights that of the weights.
     sigma: float
-    unit: str
-    changes: tuple[str, ...]
+    unit: str  #: unit of `sigma`: ``"m"`` if all parts are in metres, otherwise ``"scales"``
+    changes: tuple[str, ...]  #: how far each parameter moves along one sigma, with its unit
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -105,29 +95,17 @@ class Correlation:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Observability:
-    """Determination of the parameters by the observations and a-priori values.
+    """Determination of the parameters by the observations and a-priori values."""
 
-    Parameters
-    ----------
-    singular_values : ndarray, shape (q,)
-        Of the whitened partials and a-priori rows with columns scaled to length one, descending.
-    undetermined : tuple of Direction
-        Combinations without information.
-    weak : tuple of Direction
-        Combinations that are determined, but poorly (:data:`WEAK_FACTOR`), the worst first.
-    correlations : tuple of Correlation
-        Pairs above :data:`STRONG_CORRELATION`, the strongest first.
-    observation_sigma_m : float
-        Median stated sigma of the used observations other than counts, m; 0 without any.
-    common : tuple of CommonPart
-        Kinds of parameters whose differences are determined, and whose mean is not.
-    """
-
+    #: (q,), of the whitened partials and a-priori rows with columns scaled to length one, descending.
     singular_values: Floats
-    undetermined: tuple[Direction, ...]
+    undetermined: tuple[Direction, ...]  #: combinations without information
+    #: Combinations that are determined, but poorly (:data:`WEAK_FACTOR`), the worst first.
     weak: tuple[Direction, ...]
-    correlations: tuple[Correlation, ...]
+    correlations: tuple[Correlation, ...]  #: pairs above :data:`STRONG_CORRELATION`, the strongest first
+    #: Median stated sigma of the used observations other than counts, m; 0 without any.
     observation_sigma_m: float
+    #: Kinds of parameters whose differences are determined, and whose mean is not.
     common: tuple[CommonPart, ...]
 
     @property

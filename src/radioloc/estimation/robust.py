@@ -42,9 +42,8 @@ _MAX_SPREAD_RATIO = 0.1
 """Largest ratio of the spread about their estimate to that about Huber's: a few observations can always be left out so
 that the rest agree somewhat better, of weakly determined positions several times better."""
 _CONSENSUS_PASSES = 3  # linearizations: where geometry is weak, gross errors carry far away
-_SETTLED_SIGMAS = (
-    0.01  # the fitted values have settled when none moves by more than this many (robust) sigmas
-)
+# The fitted values have settled when none moves by more than this many (robust) sigmas.
+_SETTLED_SIGMAS = 0.01
 _SETTLED_LINEAR_SIGMAS = 0.1  # of linear problems, which all start from the same linearization
 _SUBSET_COUNT = 500
 _AGREEMENT_SPREADS = 5.0  # an observation agrees with an estimate within so many spreads

@@ -31,35 +31,21 @@ _MAD_TO_SIGMA = 1.4826  # median absolute deviation of a normal distribution to 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Residuals:
-    """Observations with their residuals after a fit; arrays of shape (n,).
+    """Observations with their residuals after a fit; arrays of shape (n,)."""
 
-    Parameters
-    ----------
-    epoch_utc : Epochs
-        UTC of the event that the time tag names.
-    stations, types, paths : Labels
-        Station that a bias or a group belongs to, kind of measurement, participants of the signal path.
-    observed_m, residual_m, sigma_m : ndarray
-        Observed value, observed - computed, stated standard deviation; m (of the round trip
-        for ranges).
-    statuses : Labels
-        ``"used"`` or the reason for the rejection.
-    elevation_deg : ndarray or None
-        Lower of the stations' elevations of the Moon, deg; NaN where no station observes.
-    count_s : ndarray or None
-        Count intervals of Doppler, s; NaN for other types.
-    """
-
-    epoch_utc: Epochs
+    epoch_utc: Epochs  #: UTC of the event that the time tag names
+    #: Station that a bias or a group belongs to, kind of measurement, participants of the signal path.
     stations: Labels
-    types: Labels
-    paths: Labels
+    types: Labels  #: likewise
+    paths: Labels  #: likewise
+    #: Observed value, observed - computed, stated standard deviation; m (of the round trip for ranges).
     observed_m: Floats
-    residual_m: Floats
-    sigma_m: Floats
-    statuses: Labels
+    residual_m: Floats  #: likewise
+    sigma_m: Floats  #: likewise
+    statuses: Labels  #: ``"used"`` or the reason for the rejection
+    #: Lower of the stations' elevations of the Moon, deg; NaN where no station observes.
     elevation_deg: Floats | None = None
-    count_s: Floats | None = None
+    count_s: Floats | None = None  #: count intervals of Doppler, s; NaN for other types
 
     def __post_init__(self) -> None:
         n = len(self.residual_m)
@@ -189,25 +175,16 @@ class Residuals:
 
 @dataclass(frozen=True, slots=True)
 class GroupStatistics:
-    """Residuals of the observations that share a label (a station, a type).
+    """Residuals of the observations that share a label (a station, a type)."""
 
-    Parameters
-    ----------
-    label : str
-        Station, type or path.
-    used, rejected : int
-        Number of used and of rejected observations.
-    mean_m, rms_m, wrms_m : float or None
-        Mean, root mean square, and root mean square weighted by 1/sigma^2 of the used residuals, m (of
-        the round trip for ranges); None if none was used.
-    """
-
-    label: str
-    used: int
-    rejected: int
+    label: str  #: station, type or path
+    used: int  #: number of used and of rejected observations
+    rejected: int  #: likewise
+    #: Mean, root mean square, and root mean square weighted by 1/sigma^2 of the used residuals, m (of the round
+    #: trip for ranges); None if none was used.
     mean_m: float | None
-    rms_m: float | None
-    wrms_m: float | None
+    rms_m: float | None  #: likewise
+    wrms_m: float | None  #: likewise
 
     def to_dict(self) -> dict[str, Any]:
         """Return the numbers, without the label, for JSON."""
@@ -216,36 +193,21 @@ class GroupStatistics:
 
 @dataclass(frozen=True, slots=True)
 class FitStatistics:
-    """Residuals of a fit as a whole.
+    """Residuals of a fit as a whole."""
 
-    Parameters
-    ----------
-    total : GroupStatistics
-        All observations.
-    by_station, by_type, by_path : tuple of GroupStatistics
-        By label, in alphabetic order; the label of a path has the type before it, such as ``range A>lander>B``. A
-        station's mean can hide what its paths show, such as a two-way bias against a three-way one.
-    chi2 : float
-        Weighted sum of squares with the a-priori rows.
-    dof : int
-        Degrees of freedom.
-    robust_scale : float
-        Spread of the residuals over their stated sigmas by the median, outliers included.
-    excess_noise_m : dict of str to float
-        Noise that was added in quadrature to every stated sigma of a type, m; the chi-square is with it.
-    shared_noise_m : dict of str to float
-        Station errors that delays of one epoch share, estimated from the residuals and contained in the sigmas,
-        m; empty without.
-    """
-
-    total: GroupStatistics
+    total: GroupStatistics  #: all observations
+    #: By label, in alphabetic order; the label of a path has the type before it, such as ``range A>lander>B``. A
+    #: station's mean can hide what its paths show, such as a two-way bias against a three-way one.
     by_station: tuple[GroupStatistics, ...]
-    by_type: tuple[GroupStatistics, ...]
-    by_path: tuple[GroupStatistics, ...]
-    chi2: float
-    dof: int
-    robust_scale: float
+    by_type: tuple[GroupStatistics, ...]  #: likewise
+    by_path: tuple[GroupStatistics, ...]  #: likewise
+    chi2: float  #: weighted sum of squares with the a-priori rows
+    dof: int  #: degrees of freedom
+    robust_scale: float  #: spread of the residuals over their stated sigmas by the median, outliers included
+    #: Noise that was added in quadrature to every stated sigma of a type, m; the chi-square is with it.
     excess_noise_m: Mapping[str, float]
+    #: Station errors that delays of one epoch share, estimated from the residuals and contained in the sigmas,
+    #: m; empty without.
     shared_noise_m: Mapping[str, float]
 
     @property

@@ -26,17 +26,6 @@ from radioloc.vectors import Floats
 class Camera:
     """Interior orientation of a camera; for a pinhole camera with square pixels see :meth:`Camera.of_pinhole`.
 
-    Parameters
-    ----------
-    focal_length_mm : float
-    pixel_per_mm : array_like, shape (2, 2)
-        Derivatives of (sample, line) by the focal plane's (x, y), pixels per millimetre.
-    principal_point_px : array_like, shape (2,)
-        The pixel at which x = y = 0.
-    distortion : Distortion
-    looks_along_z : int
-        1, or -1 where the camera looks along -z.
-
     Raises
     ------
     InputError
@@ -44,10 +33,11 @@ class Camera:
     """
 
     focal_length_mm: float
+    #: (2, 2), derivatives of (sample, line) by the focal plane's (x, y), pixels per millimetre.
     pixel_per_mm: Floats
-    principal_point_px: Floats
+    principal_point_px: Floats  #: (2,), the pixel at which x = y = 0
     distortion: Distortion = field(default_factory=lambda: Distortion("none", ()))
-    looks_along_z: int = 1
+    looks_along_z: int = 1  #: 1, or -1 where the camera looks along -z
 
     def __post_init__(self) -> None:
         convert_fields(self)

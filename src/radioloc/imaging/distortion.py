@@ -41,13 +41,6 @@ class DistortionKind:
 class Distortion:
     """Distortion of a lens.
 
-    Parameters
-    ----------
-    kind : str
-        A name of :data:`KINDS`.
-    coefficients : sequence of float
-        In the order of the kind's description.
-
     Raises
     ------
     InputError
@@ -62,8 +55,8 @@ class Distortion:
     [[0.0, 16.9115]]
     """
 
-    kind: str
-    coefficients: tuple[float, ...]
+    kind: str  #: a name of :data:`KINDS`
+    coefficients: tuple[float, ...]  #: in the order of the kind's description
 
     def __init__(self, kind: str, coefficients: Sequence[float]) -> None:
         if kind not in KINDS:

@@ -64,24 +64,12 @@ def _intersections(model: SensorModel, rays: Rays, pixels: ArrayLike, surface: S
 
 @dataclass(frozen=True, slots=True)
 class ImagePointSigmas:
-    """Standard deviations of the quantities that determine a ground point; scalars hold for all components.
+    """Standard deviations of the quantities that determine a ground point; scalars hold for all components."""
 
-    Parameters
-    ----------
-    pixel : float or (sample, line)
-        Measurement of the point, pixels.
-    position_m : float or (east, north, up)
-        Camera position, in the axes of the ground point, m.
-    attitude_rad : float or (x, y, z)
-        Camera rotation about its axes, rad.
-    height_m : float
-        Height of the ground, m.
-    """
-
-    pixel: ArrayLike
-    position_m: ArrayLike
-    attitude_rad: ArrayLike
-    height_m: float
+    pixel: ArrayLike  #: measurement of the point, pixels
+    position_m: ArrayLike  #: camera position, in the axes of the ground point, m
+    attitude_rad: ArrayLike  #: camera rotation about its axes, rad
+    height_m: float  #: height of the ground, m
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -28,16 +28,10 @@ _EPOCH_ROUNDING_S = 2e-7
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ConstantOrientation:
-    """Pose of a camera that is constant in time.
+    """Pose of a camera that is constant in time."""
 
-    Parameters
-    ----------
-    position_m : array_like, shape (3,)
-    rot_camera_to_moon : array_like, shape (3, 3)
-    """
-
-    position_m: Floats
-    rot_camera_to_moon: Floats
+    position_m: Floats  #: (3,)
+    rot_camera_to_moon: Floats  #: (3, 3)
 
     def __post_init__(self) -> None:
         set_fields(self, position_m=as_vector(self.position_m, 3, "position_m"))
@@ -61,17 +55,6 @@ class ConstantOrientation:
 class TabulatedOrientation:
     """Table of positions and rotations with interpolation.
 
-    Parameters
-    ----------
-    position_times_s : array_like, shape (n,)
-        Rising, two or more.
-    positions_m : array_like, shape (n, 3)
-    rotation_times_s : array_like, shape (m,)
-    quaternions : array_like, shape (m, 4)
-        From the camera's axes to the Moon's, scalar first.
-    velocities_m_s : array_like, shape (n, 3), optional
-        Relative to the turning axes.
-
     Notes
     -----
     Tables of even steps are interpolated as the Community Sensor Models of USGS do, by Lagrange polynomials through the
@@ -80,11 +63,11 @@ class TabulatedOrientation:
     velocities, and rotations along great circles (slerp). Nothing is extrapolated.
     """
 
-    position_times_s: Floats
-    positions_m: Floats
-    rotation_times_s: Floats
-    quaternions: Floats
-    velocities_m_s: Floats | None = None
+    position_times_s: Floats  #: (n,), rising, two or more
+    positions_m: Floats  #: (n, 3)
+    rotation_times_s: Floats  #: (m,)
+    quaternions: Floats  #: (m, 4), from the camera's axes to the Moon's, scalar first
+    velocities_m_s: Floats | None = None  #: (n, 3), relative to the turning axes
     _even: tuple[bool, bool] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:

@@ -57,22 +57,12 @@ class ImagePoints(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrameModel:
-    """Frame camera.
-
-    Parameters
-    ----------
-    camera : Camera
-    orientation : ConstantOrientation
-    shape : tuple of int
-        Lines and samples.
-    axes : str
-        Axes of the Moon for the orientation.
-    """
+    """Frame camera."""
 
     camera: Camera
     orientation: ConstantOrientation
-    shape: tuple[int, int]
-    axes: str = "ME_DE421"
+    shape: tuple[int, int]  #: lines and samples
+    axes: str = "ME_DE421"  #: axes of the Moon for the orientation
 
     def rays(self, pixels: ArrayLike) -> Rays:
         """Return rays of pixels, shape (n, 2)."""
@@ -97,27 +87,15 @@ class FrameModel:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LineScanModel:
-    """Line-scan (pushbroom) camera, whose detector is the camera's line 0.
-
-    Parameters
-    ----------
-    camera : Camera
-    orientation : Orientation
-        By time, s from the reference epoch.
-    line_times : array_like, shape (k, 3)
-        Line at which a rate begins, its time, s, and the duration of a line, s, in rising order. A line lasts from
-        half a line before its number to half a line after.
-    shape : tuple of int
-        Lines and samples.
-    axes : str
-        Axes of the Moon for the orientation.
-    """
+    """Line-scan (pushbroom) camera, whose detector is the camera's line 0."""
 
     camera: Camera
-    orientation: Orientation
+    orientation: Orientation  #: by time, s from the reference epoch
+    #: (k, 3), line at which a rate begins, its time, s, and the duration of a line, s, in rising order. A line
+    #: lasts from half a line before its number to half a line after.
     line_times: Floats
-    shape: tuple[int, int]
-    axes: str = "ME_DE421"
+    shape: tuple[int, int]  #: lines and samples
+    axes: str = "ME_DE421"  #: axes of the Moon for the orientation
 
     def __post_init__(self) -> None:
         table = as_points(self.line_times, 3, "line_times")

@@ -149,41 +149,24 @@ class ErrorSource:
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class PointSolution(_ImageResult):
-    """Position of a point in an image, or of a rover or lander that took stereo images.
+    """Position of a point in an image, or of a rover or lander that took stereo images."""
 
-    Parameters
-    ----------
-    name, method, message : str
-        Name of the study; ``"image_point"`` or ``"stereo"``; reason if the position cannot be used, else empty.
-    position : LunarPosition
-        Mean-Earth axes.
-    sources : tuple of ErrorSource
-        Parts that sum to the covariance.
-    fields, details : tuple of Field, mapping
-        Description of the measurements for the card, and in numbers.
-    used, wrms_m : int, float or None
-        Number of points or landmarks, and weighted rms residual of distances.
-    references : mapping of str to LunarPosition
-        Reference positions.
-    notes, provenance : tuple of str, mapping
-    landmarks_en_m, distances_m : ndarray, shape (n, 2) and (n,), optional
-        Landmarks of a stereo solution, east and north of the position, and their horizontal distances, m.
-    """
-
+    #: Name of the study; ``"image_point"`` or ``"stereo"``; reason if the position cannot be used, else empty.
     name: str
-    method: str
-    message: str
-    position: LunarPosition
-    sources: tuple[ErrorSource, ...]
-    fields: tuple[Field, ...]
-    details: Mapping[str, Any]
-    used: int
-    wrms_m: float | None = None
-    references: Mapping[str, LunarPosition] = field(default_factory=dict)
+    method: str  #: likewise
+    message: str  #: likewise
+    position: LunarPosition  #: Mean-Earth axes
+    sources: tuple[ErrorSource, ...]  #: parts that sum to the covariance
+    fields: tuple[Field, ...]  #: description of the measurements for the card, and in numbers
+    details: Mapping[str, Any]  #: likewise
+    used: int  #: number of points or landmarks, and weighted rms residual of distances
+    wrms_m: float | None = None  #: likewise
+    references: Mapping[str, LunarPosition] = field(default_factory=dict)  #: reference positions
     notes: tuple[str, ...] = ()
     provenance: Mapping[str, Any] = field(default_factory=dict)
+    #: (n, 2), landmarks of a stereo solution, east and north of the position, and their horizontal distances, m.
     landmarks_en_m: Floats | None = None
-    distances_m: Floats | None = None
+    distances_m: Floats | None = None  #: likewise
 
     @property
     def covariance_enu_m2(self) -> Floats:  # type: ignore[override]
@@ -220,47 +203,26 @@ class PointSolution(_ImageResult):
 
 @dataclass(frozen=True, slots=True, eq=False, weakref_slot=True, repr=False)
 class ImageSolution(_ImageResult):
-    """Position of a lander by its descent images, and the registration of each image.
+    """Position of a lander by its descent images, and the registration of each image."""
 
-    Parameters
-    ----------
-    name, message : str
-        Name of the study; reason if the position cannot be used, else empty.
-    position : LunarPosition
-        Mean-Earth axes.
-    covariance_enu_m2 : ndarray, shape (3, 3)
-        Total covariance; NaN for an undetermined height.
-    map_name, map_sigma_m : str, tuple of float
-        Map, and sigma of its tie to the Moon's axes, east and north, m: a common error of all solutions on it.
-    registration : Registration
-        Images after the adjustment.
-    base : Map
-    camera : callable or None
-        Function of lines and samples that returns the :class:`~radioloc.imaging.Camera`.
-    mask : ndarray of bool or None
-        Pixels of the images that show the ground.
-    altitudes_m, paths : mapping of str
-        Altitude of the camera above the ground, if the study has a camera, and file of each image, by its name.
-    references : mapping of str to LunarPosition
-        Reference positions.
-    notes, provenance : tuple of str, mapping
-    """
-
-    name: str
-    message: str
-    position: LunarPosition
-    covariance_enu_m2: Floats
+    name: str  #: name of the study; reason if the position cannot be used, else empty
+    message: str  #: likewise
+    position: LunarPosition  #: Mean-Earth axes
+    covariance_enu_m2: Floats  #: (3, 3), total covariance; NaN for an undetermined height
+    #: Map, and sigma of its tie to the Moon's axes, east and north, m: a common error of all solutions on it.
     map_name: str
-    map_sigma_m: tuple[float, float]
-    registration: Registration
+    map_sigma_m: tuple[float, float]  #: likewise
+    registration: Registration  #: images after the adjustment
     base: Map
+    #: Function of lines and samples that returns the :class:`~radioloc.imaging.Camera`.
     camera: Callable[[tuple[int, int]], Camera] | None = None
-    mask: NDArray[np.bool_] | None = None
+    mask: NDArray[np.bool_] | None = None  #: pixels of the images that show the ground
+    #: Altitude of the camera above the ground, if the study has a camera, and file of each image, by its name.
     altitudes_m: Mapping[str, float] = field(default_factory=dict)
-    references: Mapping[str, LunarPosition] = field(default_factory=dict)
+    references: Mapping[str, LunarPosition] = field(default_factory=dict)  #: reference positions
     notes: tuple[str, ...] = ()
     provenance: Mapping[str, Any] = field(default_factory=dict)
-    paths: Mapping[str, Path] = field(default_factory=dict)
+    paths: Mapping[str, Path] = field(default_factory=dict)  #: likewise
 
     @property
     def registered(self) -> tuple[RegisteredFrame, ...]:

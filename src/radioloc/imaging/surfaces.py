@@ -56,13 +56,6 @@ class Sphere:
 class Terrain:
     """Ground of an elevation map, in mean-Earth axes.
 
-    Parameters
-    ----------
-    model : TerrainModel
-        Elevation map.
-    raised_m : float
-        Height added to the map's, such as an error of the map.
-
     Notes
     -----
     A ray descends from the height of the highest cell in steps that cannot pass through the terrain: as far as its
@@ -70,8 +63,8 @@ class Terrain:
     of a cell. The intersection is refined by the Illinois rule, to 0.01 mm.
     """
 
-    model: TerrainModel
-    raised_m: float = 0.0
+    model: TerrainModel  #: elevation map
+    raised_m: float = 0.0  #: height added to the map's, such as an error of the map
     mean_earth: bool = field(default=True, init=False)
 
     def intersect(self, origins_m: Floats, directions: Floats) -> tuple[Floats, NDArray[np.bool_]]:

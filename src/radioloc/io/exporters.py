@@ -19,47 +19,24 @@ from radioloc.text_files import require_ending
 
 @dataclass(frozen=True, slots=True)
 class ExportOptions:
-    """Options of exporters; each exporter reads those that its format needs.
+    """Options of exporters; each exporter reads those that its format needs."""
 
-    Parameters
-    ----------
-    body : int
-        NAIF code of the lander in an SPK.
-    start_utc, stop_utc : str, optional
-        First and last epoch of an ephemeris message, UTC.
-    step_s : float
-        Interval between the states of an ephemeris message, s.
-    originator : str, optional
-        Agency that makes an ephemeris message.
-    """
-
-    body: int = FIRST_SITE
-    start_utc: str | None = None
-    stop_utc: str | None = None
-    step_s: float = 3600.0
-    originator: str | None = None
+    body: int = FIRST_SITE  #: NAIF code of the lander in an SPK
+    start_utc: str | None = None  #: first and last epoch of an ephemeris message, UTC
+    stop_utc: str | None = None  #: likewise
+    step_s: float = 3600.0  #: interval between the states of an ephemeris message, s
+    originator: str | None = None  #: agency that makes an ephemeris message
 
 
 @dataclass(frozen=True, slots=True)
 class Exporter:
-    """A format of solutions, for the group of entry points ``radioloc.exporters``.
+    """A format of solutions, for the group of entry points ``radioloc.exporters``."""
 
-    Parameters
-    ----------
-    name : str
-        Unique name of the format.
-    endings : tuple of str
-        Endings of the names of its files in small letters, such as ``.geojson``.
-    description : str
-        Content of a file, for the help of ``radioloc export``.
-    write : callable
-        Function of the path, the solutions (:class:`~radioloc.results.Solution` or the content of ``solution.json``)
-        and :class:`ExportOptions` that returns the paths written.
-    """
-
-    name: str
-    endings: tuple[str, ...]
-    description: str
+    name: str  #: unique name of the format
+    endings: tuple[str, ...]  #: endings of the names of its files in small letters, such as ``.geojson``
+    description: str  #: content of a file, for the help of ``radioloc export``
+    #: Function of the path, the solutions (:class:`~radioloc.results.Solution` or the content of
+    #: ``solution.json``) and :class:`ExportOptions` that returns the paths written.
     write: Callable[[Path, Sequence[SolutionLike], ExportOptions], Sequence[Path]]
 
 

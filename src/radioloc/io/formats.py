@@ -54,49 +54,25 @@ ENDINGS = (".csv", ".parquet", ".tdm", ".kvn")
 
 @dataclass(frozen=True, slots=True)
 class ReadSettings:
-    """Information that files may lack.
+    """Information that files may lack."""
 
-    Parameters
-    ----------
-    catalogue : StationCatalogue
-        Stations by name and alias.
-    tdm : TdmAgreement
-        Agreements on Tracking Data Messages.
-    lunar : bool
-        Whether the target is at the Moon.
-    frequencies : tuple of FrequencyAgreement
-        Signals of files of received frequencies.
-    """
-
-    catalogue: StationCatalogue
-    tdm: TdmAgreement
-    lunar: bool
-    frequencies: tuple[FrequencyAgreement, ...] = ()
+    catalogue: StationCatalogue  #: stations by name and alias
+    tdm: TdmAgreement  #: agreements on Tracking Data Messages
+    lunar: bool  #: whether the target is at the Moon
+    frequencies: tuple[FrequencyAgreement, ...] = ()  #: signals of files of received frequencies
 
 
 @dataclass(frozen=True, slots=True)
 class Reader:
-    """File format of observations.
+    """File format of observations."""
 
-    Parameters
-    ----------
-    name : str
-        Unique name of the format.
-    description : str
-        Start of a file, for messages.
-    looks_like : callable
-        Function of the first bytes of a file (unpacked, without a byte order mark): whether it has the format.
-    read : callable
-        Function of paths and settings that returns observations. There is one path, unless `joint`.
-    joint : bool
-        Whether all files of the format are read as one, because they complete each other.
-    """
-
-    name: str
-    description: str
+    name: str  #: unique name of the format
+    description: str  #: start of a file, for messages
+    #: Function of the first bytes of a file (unpacked, without a byte order mark): whether it has the format.
     looks_like: Callable[[bytes], bool]
+    #: Function of paths and settings that returns observations. There is one path, unless `joint`.
     read: Callable[[Sequence[str | Path], ReadSettings], Observations]
-    joint: bool = False
+    joint: bool = False  #: whether all files of the format are read as one, because they complete each other
 
 
 def _by_lines(looks_like: Callable[[list[str]], bool]) -> Callable[[bytes], bool]:

@@ -55,36 +55,21 @@ _SITE = re.compile(rf"(\d{{1,4}})\s+\S+\s+({_NUMBER})\s+({_NUMBER})\s+({_NUMBER}
 class FrequencyAgreement:
     """Signal of files of received frequencies, from which Doppler follows.
 
-    Parameters
-    ----------
-    transmit_hz : float or Quantity
-        Transmitted frequency, Hz: nominal frequency of the target's oscillator, or of the uplink.
-    sigma_hz : float or Quantity
-        Standard deviation of a received frequency, the mean over a count interval, Hz.
-    count_s : float or Quantity, optional
-        Count interval about the time tag, s; STRF needs it, messages state it.
-    target : str
-        Name of the target in the observations.
-    transmitter : str
-        Station of the uplink of a two- or three-way signal; empty for a one-way signal.
-    turnaround : tuple of int, optional
-        With a transmitter, numerator and denominator of the transponder's ratio of downlink to uplink frequency.
-    files : str or iterable of str, optional
-        Names or globs of the files; by default all.
-
     Raises
     ------
     InputError
         A value is impossible, or only one of transmitter and turnaround ratio is given.
     """
 
+    #: Transmitted frequency, Hz: nominal frequency of the target's oscillator, or of the uplink.
     transmit_hz: float
-    sigma_hz: float
-    count_s: float | None = None
-    target: str = "lander"
-    transmitter: str = ""
+    sigma_hz: float  #: standard deviation of a received frequency, the mean over a count interval, Hz
+    count_s: float | None = None  #: count interval about the time tag, s; STRF needs it, messages state it
+    target: str = "lander"  #: name of the target in the observations
+    transmitter: str = ""  #: station of the uplink of a two- or three-way signal; empty for a one-way signal
+    #: With a transmitter, numerator and denominator of the transponder's ratio of downlink to uplink frequency.
     turnaround: tuple[int, int] | None = None
-    files: tuple[str, ...] | None = None
+    files: tuple[str, ...] | None = None  #: names or globs of the files; by default all
 
     def __post_init__(self) -> None:
         convert_fields(self)

@@ -72,9 +72,8 @@ class LinearArc:
     status: Labels  # before the fit
     order: SeriesOrder
     estimate: EstimateChoice
-    suboptimal_m: (
-        _Floats  # (m, c), effects of considered errors that are not in the weights, each of one sigma
-    )
+    # (m, c), effects of considered errors that are not in the weights, each of one sigma.
+    suboptimal_m: _Floats
     drawn_prior_sigmas: _Floats | None = (
         None  # (3 points,), of a-priori positions that are drawn about the truth
     )

@@ -185,10 +185,10 @@ class KernelFile:
     """Record of an opened file, the provenance in a solution."""
 
     path: Path
-    kind: str  # SPK (positions) or PCK (orientation)
+    kind: str  #: SPK (positions) or PCK (orientation)
     sha256: str
-    registered: bool  # ships with the library, with the right SHA-256
-    start_tdb: str  # span common to all bodies, each of the union of its segments, as dates
+    registered: bool  #: ships with the library, with the right SHA-256
+    start_tdb: str  #: span common to all bodies, each of the union of its segments, as dates
     end_tdb: str
 
 
@@ -196,14 +196,14 @@ class KernelFile:
 class Segment:
     """Chebyshev records of three components, in the file's units."""
 
-    target: int  # NAIF code of the body (SPK) or the frame (PCK)
-    center: int  # NAIF code of the origin (SPK) or of the reference frame (PCK)
-    name: str  # such as DE-0421LE-0421
-    start_s: float  # span for which it may be used, TDB seconds since J2000
+    target: int  #: NAIF code of the body (SPK) or the frame (PCK)
+    center: int  #: NAIF code of the origin (SPK) or of the reference frame (PCK)
+    name: str  #: such as DE-0421LE-0421
+    start_s: float  #: span for which it may be used, TDB seconds since J2000
     end_s: float
-    first_record_s: float  # its start, TDB seconds since J2000
+    first_record_s: float  #: its start, TDB seconds since J2000
     record_length_s: float
-    coefficients: Floats = field(repr=False)  # (records, 3, rising degree)
+    coefficients: Floats = field(repr=False)  #: (records, 3, rising degree)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -35,11 +35,6 @@ _LARGEST_VIEW_PIXELS = 2**26
 class TangentPlane:
     """The plane that touches the sphere of 1737.4 km at a point; points are seen on it from above (orthographic).
 
-    Parameters
-    ----------
-    longitude_deg, latitude_deg : float
-        The point of contact, mean-Earth axes.
-
     Examples
     --------
     >>> plane = TangentPlane(-19.51, 44.12)
@@ -49,8 +44,8 @@ class TangentPlane:
     [[-19.51, 44.13]]
     """
 
-    longitude_deg: float
-    latitude_deg: float
+    longitude_deg: float  #: the point of contact, mean-Earth axes
+    latitude_deg: float  #: likewise
 
     def from_longitude_latitude(self, degrees: ArrayLike) -> Floats:
         """East and north, m, shape (n, 2), of longitudes and latitudes, degrees, shape (n, 2); NaN on the far side."""
@@ -89,8 +84,8 @@ class Map:
 
     path: Path
     files: tuple[SourceFile, ...]
-    resolution_m: float  # of a pixel where the projection is true to scale
-    coverage: str  # text, in degrees
+    resolution_m: float  #: of a pixel where the projection is true to scale
+    coverage: str  #: text, in degrees
     _grid: MapGrid = field(repr=False)
 
     @classmethod

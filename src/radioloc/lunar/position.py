@@ -27,20 +27,16 @@ from radioloc.vectors import Floats
 class LunarPosition:
     """A point fixed to the Moon.
 
-    Parameters
-    ----------
-    frame : str
-        ``"PA_DE421"`` (principal axes) or ``"ME_DE421"`` (mean Earth/mean rotation), or those of another ephemeris.
-    xyz_m : array_like or Quantity, shape (3,)
-        Cartesian coordinates in that frame, m where they have no unit; kept as a read-only array.
-
     Raises
     ------
     InputError
         The frame has another name, or the point is not three finite numbers near the lunar surface.
     """
 
+    #: ``"PA_DE421"`` (principal axes) or ``"ME_DE421"`` (mean Earth/mean rotation), or those of another
+    #: ephemeris.
     frame: str
+    #: (3,), Cartesian coordinates in that frame, m where they have no unit; kept as a read-only array.
     xyz_m: Floats
 
     def __post_init__(self) -> None:

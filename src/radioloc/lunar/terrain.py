@@ -43,17 +43,11 @@ _MIN_POLE_DISTANCE_RAD = 1e-7  # 0.2 m; at smaller distances rounding spoils der
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TerrainModel:
-    """The terrain of one map; build with :meth:`TerrainModel.open`.
+    """The terrain of one map; build with :meth:`TerrainModel.open`."""
 
-    Parameters
-    ----------
-    metadata : TerrainMetadata
-        Files with checksums, reference system, bounds, resolution, quantity and unit.
-    interpolation : str
-        ``"bilinear"`` (continuous; the slope jumps from cell to cell) or ``"bicubic"`` (the slope is continuous).
-    """
-
+    #: Files with checksums, reference system, bounds, resolution, quantity and unit.
     metadata: TerrainMetadata
+    #: ``"bilinear"`` (continuous; the slope jumps from cell to cell) or ``"bicubic"`` (the slope is continuous).
     interpolation: str
     _grid: MapGrid = field(repr=False)
 

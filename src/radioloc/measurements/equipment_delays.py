@@ -29,19 +29,15 @@ MAX_DELAY_S = 1e-3  # delays of real equipment are microseconds; motions are str
 class StationDelay:
     """Group delay of a station's equipment between its clock and its reference point.
 
-    Parameters
-    ----------
-    transmit_s, receive_s : float or None
-        Delays of the outgoing and the incoming signal, s; ``None``, unstated, counts as zero.
-
     Raises
     ------
     InputError
         A delay is outside of 0 to 1 ms.
     """
 
+    #: Delays of the outgoing and the incoming signal, s; ``None``, unstated, counts as zero.
     transmit_s: float | None = None
-    receive_s: float | None = None
+    receive_s: float | None = None  #: likewise
 
     def __post_init__(self) -> None:
         convert_fields(self)
@@ -63,20 +59,15 @@ class PathDelays:
 class EquipmentDelays:
     """Delays of equipment that the data contain.
 
-    Parameters
-    ----------
-    transponder_s : float or None
-        Hold of the target's transponder for ranges and Doppler, s; ``None`` is unstated.
-    stations : mapping of str to StationDelay
-        Delays by the catalogue's names of the stations (:meth:`with_catalogue_names` converts aliases).
-
     Raises
     ------
     InputError
         A delay is outside of 0 to 1 ms.
     """
 
+    #: Hold of the target's transponder for ranges and Doppler, s; ``None`` is unstated.
     transponder_s: float | None = None
+    #: Delays by the catalogue's names of the stations (:meth:`with_catalogue_names` converts aliases).
     stations: Mapping[str, StationDelay] = field(default_factory=dict)
 
     def __post_init__(self) -> None:

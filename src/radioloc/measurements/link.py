@@ -31,29 +31,19 @@ class Link:
     stations are equal, else three-way); ``target>B``, the target's signal, one-way; ``A<target>B``, the target's signal
     at two stations, a baseline; ``A<first|second>B``, the signals of two targets on a baseline.
 
-    Parameters
-    ----------
-    transmitter : str
-        First station; empty for one-way.
-    target, receiver : str
-        Target and last station; names without spaces at the ends and without ``<``, ``>``, ``|``, ``,``, ``#`` or
-        quotes.
-    differenced : bool
-        Whether the link is a baseline: both stations receive.
-    second_target : str
-        Target whose measurement is subtracted; empty by default.
-
     Raises
     ------
     InputError
         A name is empty, too long or has an excluded character, the form is invalid, or a baseline has equal stations.
     """
 
-    transmitter: str
+    transmitter: str  #: first station; empty for one-way
+    #: Target and last station; names without spaces at the ends and without ``<``, ``>``, ``|``, ``,``, ``#`` or
+    #: quotes.
     target: str
-    receiver: str
-    differenced: bool = False
-    second_target: str = ""
+    receiver: str  #: likewise
+    differenced: bool = False  #: whether the link is a baseline: both stations receive
+    second_target: str = ""  #: target whose measurement is subtracted; empty by default
 
     def __post_init__(self) -> None:
         names = [self.target, self.receiver]

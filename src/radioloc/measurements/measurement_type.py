@@ -34,51 +34,16 @@ class Geometry(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """Part of a combined measurement.
+    """Part of a combined measurement."""
 
-    Parameters
-    ----------
-    weight : float
-        Factor of its value.
-    type : str
-        Name of its type, a simple one.
-    link : Link
-        Participants.
-    """
-
-    weight: float
-    type: str
-    link: Link
+    weight: float  #: factor of its value
+    type: str  #: name of its type, a simple one
+    link: Link  #: participants
 
 
 @dataclass(frozen=True, slots=True)
 class MeasurementType:
     """Type of measurement.
-
-    Parameters
-    ----------
-    name : str
-        Name in tables of observations.
-    description : str
-        Definition of the value and of the time tag, a sentence for the reference pages.
-    geometry : Geometry
-        Legs.
-    integrated : bool
-        Whether the value is the change of the path over a count interval, tagged at its middle (a carrier phase, which
-        the ionosphere advances by as much as it delays a code).
-    tags : tuple of str
-        Permitted events of the time tag, from :data:`TIME_TAGS`.
-    form : str
-        Form of the path (:attr:`~radioloc.measurements.link.Link.form`); by default that of the geometry.
-    parts : callable, optional
-        Function of the link that returns the combined measurements, with the same time tag and count interval; only
-        with ``Geometry.COMBINED``.
-    positive : bool
-        Whether values must be above zero.
-    largest_m, fastest_m_s : float or None
-        Limits of the magnitude of values, and of their rate over the count interval.
-    limit : str
-        Reason of the limits, for messages.
 
     Raises
     ------
@@ -86,17 +51,23 @@ class MeasurementType:
         Attributes are inconsistent.
     """
 
-    name: str
-    description: str
-    geometry: Geometry
+    name: str  #: name in tables of observations
+    description: str  #: definition of the value and of the time tag, a sentence for the reference pages
+    geometry: Geometry  #: legs
+    #: Whether the value is the change of the path over a count interval, tagged at its middle (a carrier phase,
+    #: which the ionosphere advances by as much as it delays a code).
     integrated: bool = False
-    tags: tuple[str, ...] = TIME_TAGS
+    tags: tuple[str, ...] = TIME_TAGS  #: permitted events of the time tag, from :data:`TIME_TAGS`
+    #: Form of the path (:attr:`~radioloc.measurements.link.Link.form`); by default that of the geometry.
     form: str = ""
+    #: Function of the link that returns the combined measurements, with the same time tag and count interval;
+    #: only with ``Geometry.COMBINED``.
     parts: Callable[[Link], tuple[Part, ...]] | None = None
-    positive: bool = False
+    positive: bool = False  #: whether values must be above zero
+    #: Limits of the magnitude of values, and of their rate over the count interval.
     largest_m: float | None = None
-    fastest_m_s: float | None = None
-    limit: str = ""
+    fastest_m_s: float | None = None  #: likewise
+    limit: str = ""  #: reason of the limits, for messages
 
     def __post_init__(self) -> None:
         convert_fields(self)

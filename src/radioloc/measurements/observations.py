@@ -73,66 +73,33 @@ class Observations:
     """Observations in their original order; arrays are read-only.
 
     :meth:`from_columns` and :meth:`from_table` check their input; the constructor does not.
-
-    Parameters
-    ----------
-    epoch : Epochs
-        UTC of the events of the time tags, n epochs.
-    tag : ndarray of int8, shape (n,)
-        Index into :data:`TIME_TAGS`.
-    kind : ndarray of int8, shape (n,)
-        Index into :data:`KINDS`.
-    link : ndarray of int32, shape (n,)
-        Index into ``links``.
-    links : tuple of Link
-        Different paths.
-    value_m : ndarray, shape (n,)
-        Measured values, m: of ranges the speed of light times the round-trip time of flight; of other kinds as
-        described in :data:`MEASUREMENTS`.
-    sigma_m : ndarray, shape (n,)
-        Standard deviations, m.
-    pressure_hpa, temperature_k, relative_humidity : ndarray, shape (n,)
-        Weather at the receiving station; humidity from 0 to 1; NaN if not recorded.
-    wavelength_um : ndarray, shape (n,)
-        Vacuum wavelength of light or of the radio downlink, micrometres; NaN if not recorded.
-    uplink_hz : ndarray, shape (n,)
-        Frequency of the radio uplink, Hz; NaN if not recorded.
-    count_s : ndarray, shape (n,)
-        Count interval of Doppler and of a delay rate, s; NaN for other kinds.
-    modulus_m : ndarray, shape (n,)
-        Modulus of ambiguous ranges, m of light path; NaN for unambiguous values.
-    ramped : ndarray of bool, shape (n,)
-        Whether values count cycles of a variable transmitted frequency (``ramps``), in metres by the reference
-        frequency ``uplink_hz``, or one-way that of ``wavelength_um`` (:mod:`~radioloc.measurements.ramps`).
-    files : tuple of str
-        Different files of origin.
-    file : ndarray of int32, shape (n,)
-        Index into ``files``.
-    line : ndarray of int32, shape (n,)
-        Line in the file, counted from 1.
-    ramps : Ramps
-        Transmitted frequencies of stations and, one-way, of targets.
     """
 
-    epoch: Epochs
-    tag: NDArray[np.int8]
-    kind: NDArray[np.int8]
-    link: NDArray[np.int32]
-    links: tuple[Link, ...]
+    epoch: Epochs  #: UTC of the events of the time tags, n epochs
+    tag: NDArray[np.int8]  #: (n,), index into :data:`TIME_TAGS`
+    kind: NDArray[np.int8]  #: (n,), index into :data:`KINDS`
+    link: NDArray[np.int32]  #: (n,), index into ``links``
+    links: tuple[Link, ...]  #: different paths
+    #: (n,), measured values, m: of ranges the speed of light times the round-trip time of flight; of other kinds
+    #: as described in :data:`MEASUREMENTS`.
     value_m: Floats
-    sigma_m: Floats
-    pressure_hpa: Floats
-    temperature_k: Floats
-    relative_humidity: Floats
+    sigma_m: Floats  #: (n,), standard deviations, m
+    pressure_hpa: Floats  #: (n,), weather at the receiving station; humidity from 0 to 1; NaN if not recorded
+    temperature_k: Floats  #: likewise
+    relative_humidity: Floats  #: likewise
+    #: (n,), vacuum wavelength of light or of the radio downlink, micrometres; NaN if not recorded.
     wavelength_um: Floats
-    uplink_hz: Floats
-    count_s: Floats
-    modulus_m: Floats
+    uplink_hz: Floats  #: (n,), frequency of the radio uplink, Hz; NaN if not recorded
+    count_s: Floats  #: (n,), count interval of Doppler and of a delay rate, s; NaN for other kinds
+    modulus_m: Floats  #: (n,), modulus of ambiguous ranges, m of light path; NaN for unambiguous values
+    #: (n,), whether values count cycles of a variable transmitted frequency (``ramps``), in metres by the
+    #: reference frequency ``uplink_hz``, or one-way that of ``wavelength_um``
+    #: (:mod:`~radioloc.measurements.ramps`).
     ramped: NDArray[np.bool_]
-    files: tuple[str, ...]
-    file: NDArray[np.int32]
-    line: NDArray[np.int32]
-    ramps: Ramps
+    files: tuple[str, ...]  #: different files of origin
+    file: NDArray[np.int32]  #: (n,), index into ``files``
+    line: NDArray[np.int32]  #: (n,), line in the file, counted from 1
+    ramps: Ramps  #: transmitted frequencies of stations and, one-way, of targets
 
     @classmethod
     def from_columns(

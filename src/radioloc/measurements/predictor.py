@@ -30,50 +30,34 @@ _LANDER_TERMS = ("lunar_tide", "lunar_tide_constant", "lunar_scale", "lunar_lore
 
 @dataclass(frozen=True, slots=True)
 class Computed:
-    """Predicted observations and their partial derivatives.
+    """Predicted observations and their partial derivatives."""
 
-    Parameters
-    ----------
-    value_m : ndarray, shape (n,)
-        Range, delay or range difference over the count interval, m.
-    by_position_pa : ndarray, shape (n, 3)
-        Partial derivatives with respect to the principal-axes coordinates of the observation's target, m/m.
-    by_time_m_s : ndarray, shape (n,)
-        Partial derivative with respect to the time tag, m/s.
-    by_transponder_delay_m_s : ndarray, shape (n,)
-        Partial derivative with respect to the delay of the transponder, m/s: the speed of light to 1e-5 for ranges,
-        zero for VLBI delays, and very small for counts.
-    by_zenith_wet : ndarray, shape (n, 2)
-        Partial derivatives with respect to the wet zenith delay at the first and at the second station, m/m.
-    elevation_rad : ndarray, shape (n, 2)
-        Elevation of the target above the horizon of the transmitter and the receiver, without refraction; for counts at
-        the end of the interval, or at its start if the target is below the horizon only there.
-    status : ndarray of int8, shape (n, 2)
-        :class:`~radioloc.media.status.Status` of the model at both ends.
-    by_station_itrf : ndarray, shape (n, 2, 3)
-        Partial derivatives with respect to the ITRF coordinates of the first and of the second station, m/m; shape
-        (n, 0, 3) without ``more_partials``.
-    by_electron_content_m : ndarray, shape (n, 2)
-        Partial derivatives with respect to the vertical electron content above both stations, m/TECU, NaN without a
-        frequency; shape (n, 0) without ``more_partials``.
-    mean_by_position_pa : ndarray, shape (n, 3)
-        Mean of the partials by position at both ends of a count interval, for displacements during the interval; else
-        as `by_position_pa`; shape (n, 0) without ``more_partials``.
-    by_motion : ndarray, shape (n, p)
-        Partial derivatives with respect to the parameters of the motions, target by target, m per unit of each; zeros
-        in rows of other targets. For a single point fixed to the Moon they are `by_position_pa`.
-    """
-
-    value_m: Floats
+    value_m: Floats  #: (n,), range, delay or range difference over the count interval, m
+    #: (n, 3), partial derivatives with respect to the principal-axes coordinates of the observation's target,
+    #: m/m.
     by_position_pa: Floats
-    by_time_m_s: Floats
+    by_time_m_s: Floats  #: (n,), partial derivative with respect to the time tag, m/s
+    #: (n,), partial derivative with respect to the delay of the transponder, m/s: the speed of light to 1e-5 for
+    #: ranges, zero for VLBI delays, and very small for counts.
     by_transponder_delay_m_s: Floats
+    #: (n, 2), partial derivatives with respect to the wet zenith delay at the first and at the second station,
+    #: m/m.
     by_zenith_wet: Floats
+    #: (n, 2), elevation of the target above the horizon of the transmitter and the receiver, without refraction;
+    #: for counts at the end of the interval, or at its start if the target is below the horizon only there.
     elevation_rad: Floats
-    status: NDArray[np.int8]
+    status: NDArray[np.int8]  #: (n, 2), :class:`~radioloc.media.status.Status` of the model at both ends
+    #: (n, 2, 3), partial derivatives with respect to the ITRF coordinates of the first and of the second
+    #: station, m/m; shape (n, 0, 3) without ``more_partials``.
     by_station_itrf: Floats
+    #: (n, 2), partial derivatives with respect to the vertical electron content above both stations, m/TECU, NaN
+    #: without a frequency; shape (n, 0) without ``more_partials``.
     by_electron_content_m: Floats
+    #: (n, 3), mean of the partials by position at both ends of a count interval, for displacements during the
+    #: interval; else as `by_position_pa`; shape (n, 0) without ``more_partials``.
     mean_by_position_pa: Floats
+    #: (n, p), partial derivatives with respect to the parameters of the motions, target by target, m per unit of
+    #: each; zeros in rows of other targets. For a single point fixed to the Moon they are `by_position_pa`.
     by_motion: Floats
 
     def __repr__(self) -> str:

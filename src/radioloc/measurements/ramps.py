@@ -38,28 +38,14 @@ _MAX_STEP_FRACTION = 0.01  # largest relative step of the frequency within a sig
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Ramps:
-    """Pieces of the transmitted frequency by the clock of the station, from :meth:`Ramps.of`.
+    """Pieces of the transmitted frequency by the clock of the station, from :meth:`Ramps.of`."""
 
-    Parameters
-    ----------
-    stations : tuple of str
-        Names of the transmitting stations, each once.
-    station : ndarray of int, shape (n,)
-        Index into ``stations``.
-    start : Epochs
-        Starts, TAI, n epochs.
-    duration_s : ndarray, shape (n,)
-        Durations, s.
-    frequency_hz, rate_hz_s : ndarray, shape (n,)
-        Transmitted frequency at the start, Hz, and its rate, Hz/s.
-    """
-
-    stations: tuple[str, ...]
-    station: NDArray[np.int32]
-    start: Epochs
-    duration_s: Floats
-    frequency_hz: Floats
-    rate_hz_s: Floats
+    stations: tuple[str, ...]  #: names of the transmitting stations, each once
+    station: NDArray[np.int32]  #: (n,), index into ``stations``
+    start: Epochs  #: starts, TAI, n epochs
+    duration_s: Floats  #: (n,), durations, s
+    frequency_hz: Floats  #: (n,), transmitted frequency at the start, Hz, and its rate, Hz/s
+    rate_hz_s: Floats  #: likewise
 
     @classmethod
     def empty(cls) -> Ramps:

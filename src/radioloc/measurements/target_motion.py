@@ -58,18 +58,13 @@ class TargetMotion(Protocol):
 class FixedPoint(TargetMotion):
     """Point fixed to the Moon.
 
-    Parameters
-    ----------
-    position_pa_m : array_like, shape (3,)
-        Position in principal axes, m.
-
     Raises
     ------
     InputError
         The coordinates are not three finite numbers.
     """
 
-    position_pa_m: Floats
+    position_pa_m: Floats  #: (3,), position in principal axes, m
 
     def __post_init__(self) -> None:
         convert_fields(self)

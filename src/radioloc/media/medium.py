@@ -53,14 +53,14 @@ class LegEnd:
     """Stations at one end of n light paths, and the signals there; arrays of shape (n,)."""
 
     stations: Sequence[Station]
-    station_index: NDArray[np.int32]  # into the stations
-    epoch: Epochs  # TT of the events
-    radio: NDArray[np.bool_]  # whether the signal is radio, not light
-    phase: NDArray[np.bool_]  # whether the phase is measured, not a code or pulse with the group velocity
-    frequency_hz: Floats  # of radio on this leg; NaN where it was not recorded
-    wavelength_um: Floats  # of light, in vacuum, micrometres; NaN where it was not recorded
-    weather: Weather  # as recorded
-    has_weather: NDArray[np.bool_]  # whether the weather was recorded at this end
+    station_index: NDArray[np.int32]  #: into the stations
+    epoch: Epochs  #: TT of the events
+    radio: NDArray[np.bool_]  #: whether the signal is radio, not light
+    phase: NDArray[np.bool_]  #: whether the phase is measured, not a code or pulse with the group velocity
+    frequency_hz: Floats  #: of radio on this leg; NaN where it was not recorded
+    wavelength_um: Floats  #: of light, in vacuum, micrometres; NaN where it was not recorded
+    weather: Weather  #: as recorded
+    has_weather: NDArray[np.bool_]  #: whether the weather was recorded at this end
 
     def __len__(self) -> int:
         return len(self.station_index)
@@ -88,8 +88,8 @@ class Leg:
     """
 
     end: LegEnd
-    station: StationState  # at their events
-    target_gcrs_m: Floats  # at its event
+    station: StationState  #: at their events
+    target_gcrs_m: Floats  #: at its event
     target_velocity_m_s: Floats
 
     def __len__(self) -> int:
@@ -137,12 +137,12 @@ class Leg:
 class LegDelay:
     """Delay of n legs by one medium, one way; ``None`` stands for zeros. Shapes are (n,), of vectors (n, 3)."""
 
-    delay_m: Floats  # zero where the status is not OK
-    status: NDArray[np.int8] | None = None  # Status
-    by_elevation_m_rad: Floats | None = None  # derivative, which implies those by time and position
-    rate_m_s: Floats | None = None  # derivative with time beside that by elevation
-    by_position: Floats | None = None  # by the target's position, celestial axes, beside that by elevation
-    by_zenith_wet: Floats | None = None  # with the wet tropospheric delay at the zenith, m/m
+    delay_m: Floats  #: zero where the status is not OK
+    status: NDArray[np.int8] | None = None  #: Status
+    by_elevation_m_rad: Floats | None = None  #: derivative, which implies those by time and position
+    rate_m_s: Floats | None = None  #: derivative with time beside that by elevation
+    by_position: Floats | None = None  #: by the target's position, celestial axes, beside that by elevation
+    by_zenith_wet: Floats | None = None  #: with the wet tropospheric delay at the zenith, m/m
 
 
 @runtime_checkable

@@ -61,7 +61,7 @@ class NoiseTerm(Protocol):
 class White:
     """Independent error of each observation."""
 
-    sigma_m: Floats  # (n,)
+    sigma_m: Floats  #: (n,)
 
     @property
     def variance_m2(self) -> Floats:
@@ -73,9 +73,9 @@ class White:
 class SharedAtEpoch:
     """Errors that observations of an epoch share, such as errors of stations in delays."""
 
-    group: NDArray[np.intp]  # (n,), number of the epoch; ALONE for observations without shared errors
-    source: NDArray[np.intp]  # (n, k), such as indices of stations
-    effect_m: Floats  # (n, k), signed effect of one standard deviation of each source
+    group: NDArray[np.intp]  #: (n,), number of the epoch; ALONE for observations without shared errors
+    source: NDArray[np.intp]  #: (n, k), such as indices of stations
+    effect_m: Floats  #: (n, k), signed effect of one standard deviation of each source
 
     def __post_init__(self) -> None:
         if not np.isfinite(self.effect_m).all():
@@ -137,10 +137,10 @@ class SharedAtEpoch:
 class DopplerPhase:
     """White noise of the phases whose difference is a Doppler count."""
 
-    sigma_m: Floats  # (n,), of the phase at either end
-    link: NDArray[np.intp]  # (n,), index of the link; ALONE for observations of other types
-    start: NDArray[np.intp]  # (n,), number of the phase at the start, in order of time on the link
-    end: NDArray[np.intp]  # (n,), number of the phase at the end, which the next count may start with
+    sigma_m: Floats  #: (n,), of the phase at either end
+    link: NDArray[np.intp]  #: (n,), index of the link; ALONE for observations of other types
+    start: NDArray[np.intp]  #: (n,), number of the phase at the start, in order of time on the link
+    end: NDArray[np.intp]  #: (n,), number of the phase at the end, which the next count may start with
 
     @property
     def variance_m2(self) -> Floats:
@@ -188,9 +188,9 @@ class DopplerPhase:
 class GaussMarkov:
     """First-order Gauss-Markov processes, each in one observation or in several, with signs."""
 
-    time_s: Floats  # (n,)
-    process: NDArray[np.intp]  # (n, k), index of a process or NONE
-    sign: Floats  # (n, k)
+    time_s: Floats  #: (n,)
+    process: NDArray[np.intp]  #: (n, k), index of a process or NONE
+    sign: Floats  #: (n, k)
     processes: tuple[Process, ...]
 
     def _numbers(self, which: NDArray[np.intp]) -> Floats:
@@ -225,8 +225,8 @@ class ObservationCovariance:
     """Covariance R of n observations; :class:`InputError` if it is not positive definite."""
 
     terms: tuple[White | NoiseTerm, ...]
-    white_m: Floats = field(init=False)  # (n,), sigma of the white terms together
-    sigma_m: Floats = field(init=False)  # (n,), of all terms together
+    white_m: Floats = field(init=False)  #: (n,), sigma of the white terms together
+    sigma_m: Floats = field(init=False)  #: (n,), of all terms together
 
     def __post_init__(self) -> None:
         if len({len(term.variance_m2) for term in self.terms}) != 1:

@@ -26,7 +26,7 @@ class Process:
     variance_m2: float = 0.0
     tau_s: float = 0.0
     walk_m2_s: float = 0.0
-    start_s: float = 0.0  # when the walk began
+    start_s: float = 0.0  #: when the walk began
 
 
 def transitions(

@@ -177,7 +177,7 @@ class Filtered:
 class StructuredWhitener:
     """Whitener of an observation covariance, structure by structure."""
 
-    count: int  # n, observations, used or not
+    count: int  #: n, observations, used or not
     structures: tuple[Structure, ...]
 
     def continues_at(self, start: int) -> bool:

@@ -28,24 +28,13 @@ from radioloc.units import ASTROPY_UNITS, in_unit
 
 @dataclass(frozen=True, slots=True)
 class ParameterChoice:
-    """Choice of a study about one kind of parameter.
+    """Choice of a study about one kind of parameter."""
 
-    Parameters
-    ----------
-    names : tuple of str, or "all" or "none"
-        Members with a parameter: names of stations or targets, or paths.
-    value : mapping of str to amount, or amount, or None
-        A-priori value by name, or of all; zero by default.
-    sigma : mapping of str to amount, or amount, or None
-        Its standard deviation; infinite by default, which leaves the parameter free.
-    per : Scope or None
-        Scope of the parameters; the kind's first by default.
-    """
-
-    names: tuple[str, ...] | str = "none"
-    value: Mapping[str, Amount] | Amount = None
+    names: tuple[str, ...] | str = "none"  #: members with a parameter: names of stations or targets, or paths
+    value: Mapping[str, Amount] | Amount = None  #: a-priori value by name, or of all; zero by default
+    #: Its standard deviation; infinite by default, which leaves the parameter free.
     sigma: Mapping[str, Amount] | Amount = None
-    per: Scope | None = None
+    per: Scope | None = None  #: scope of the parameters; the kind's first by default
 
     @classmethod
     def of(

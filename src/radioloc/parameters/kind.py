@@ -53,66 +53,41 @@ class ParameterKind:
 
     Estimated, considered, fixed and simulated parameters all use the same partials.
 
-    Parameters
-    ----------
-    name : str
-        In study files and results, such as ``"range_bias"``.
-    unit : str
-        SI unit of the value, as in keys of study files: ``"m"``, ``"s/s"``, ``"1"``.
-    description : str
-        Text of reference pages.
-    scopes : tuple of Scope
-        Possible owners; the first is the default.
-    partials : callable
-        Partial derivatives of the computed values of observations, shape (m, ends, components). A scope of stations
-        needs two ends, for the first and the second station; others have one or two ends, which are added.
-    acts_on : callable
-        Whether each end of an observation depends on the parameter, shape (m, ends); called before values are computed.
-    components : tuple of str
-        Names of its numbers; by default one number without a name.
-    label : str
-        Quantity in words, which follow a component in cards: ``"position of the Moon"``; by default the name.
-    scale : float
-        Change that moves an observation by about one metre.
-    more_partials : bool
-        Whether it needs partials that predictors compute on request only: by station positions, by the electron content
-        above stations, and by displacements of the target in a count interval.
-    term : str
-        Term of the model that has its partials; without the term the parameter is an error.
-    relative : bool
-        Whether only differences between stations are observable; ``"all"`` then estimates all but one reference station
-        of each network.
-    of_links_second : bool
-        Whether a link has the parameter of its second station only, as those of both stations would cancel.
-    considered : callable, optional
-        Default a-priori sigmas by member, from observations and members with observations, or the reason in words for
-        their absence. Without it the kind is considered only if a study states a sigma.
-    considered_per : Scope, optional
-        Scope of considered parameters; by default the first of `scopes`.
-    replaced_by : tuple of str
-        Kinds with the same effect: members that a study estimates or considers of them have no default here.
-
     Raises
     ------
     InputError
         The record contradicts itself.
     """
 
-    name: str
-    unit: str
-    description: str
-    scopes: tuple[Scope, ...]
+    name: str  #: in study files and results, such as ``"range_bias"``
+    unit: str  #: SI unit of the value, as in keys of study files: ``"m"``, ``"s/s"``, ``"1"``
+    description: str  #: text of reference pages
+    scopes: tuple[Scope, ...]  #: possible owners; the first is the default
+    #: Partial derivatives of the computed values of observations, shape (m, ends, components). A scope of
+    #: stations needs two ends, for the first and the second station; others have one or two ends, which are
+    #: added.
     partials: Callable[[ObservationRows], Floats]
+    #: Whether each end of an observation depends on the parameter, shape (m, ends); called before values are
+    #: computed.
     acts_on: Callable[[ObservationRows], NDArray[np.bool_]]
-    components: tuple[str, ...] = ("",)
+    components: tuple[str, ...] = ("",)  #: names of its numbers; by default one number without a name
+    #: Quantity in words, which follow a component in cards: ``"position of the Moon"``; by default the name.
     label: str = ""
-    scale: float = 1.0
+    scale: float = 1.0  #: change that moves an observation by about one metre
+    #: Whether it needs partials that predictors compute on request only: by station positions, by the electron
+    #: content above stations, and by displacements of the target in a count interval.
     more_partials: bool = False
-    term: str = ""
+    term: str = ""  #: term of the model that has its partials; without the term the parameter is an error
+    #: Whether only differences between stations are observable; ``"all"`` then estimates all but one reference
+    #: station of each network.
     relative: bool = False
+    #: Whether a link has the parameter of its second station only, as those of both stations would cancel.
     of_links_second: bool = False
+    #: Default a-priori sigmas by member, from observations and members with observations, or the reason in words
+    #: for their absence. Without it the kind is considered only if a study states a sigma.
     considered: Callable[[ObservationRows, Members], Mapping[str, Amount] | str] | None = None
-    considered_per: Scope | None = None
+    considered_per: Scope | None = None  #: scope of considered parameters; by default the first of `scopes`
+    #: Kinds with the same effect: members that a study estimates or considers of them have no default here.
     replaced_by: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:

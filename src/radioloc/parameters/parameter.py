@@ -34,44 +34,27 @@ class Role(Enum):
 class Parameter:
     """Number that the estimator may change.
 
-    Parameters
-    ----------
-    name : str
-        Unique name: the kind, a dot, and the owner or component, such as ``"range_bias.APOLLO"``.
-    unit : str
-        Unit of the value as text, such as ``"m"``, ``"rad"``, ``"s"``.
-    kind : str
-        Kind of parameter: ``"position"``, ``"range_bias"``, ``"time_bias"``, ...
-    prior_value : float
-        A-priori value, in `unit`, at which the iteration starts.
-    prior_sigma : float
-        Standard deviation of the a-priori value, in `unit`; infinity leaves the parameter to the data alone.
-    role : Role
-        Whether it is estimated, considered or fixed.
-    scale : float
-        Change of the parameter, in `unit`, that moves an observation by about one metre: 1 for metres, 1/1737400 for
-        a selenographic angle in rad, 0.001 for a time bias in seconds. It makes parameters of different units
-        comparable in unobservable directions; the estimate does not depend on it.
-    span_utc : tuple of str, or None
-        First and last epoch on which it acts, UTC, if not the whole arc.
-    prior_errors : mapping of str to float
-        Errors of the a-priori value that other results share, by name: change by one sigma of each, in `unit`. They
-        are part of `prior_sigma`.
-
     Raises
     ------
     InputError
         A value is not finite, a standard deviation or a scale is not positive.
     """
 
-    name: str
-    unit: str
-    kind: str
-    prior_value: float = 0.0
+    name: str  #: unique name: the kind, a dot, and the owner or component, such as ``"range_bias.APOLLO"``
+    unit: str  #: unit of the value as text, such as ``"m"``, ``"rad"``, ``"s"``
+    kind: str  #: kind of parameter: ``"position"``, ``"range_bias"``, ``"time_bias"``, ...
+    prior_value: float = 0.0  #: a-priori value, in `unit`, at which the iteration starts
+    #: Standard deviation of the a-priori value, in `unit`; infinity leaves the parameter to the data alone.
     prior_sigma: float = math.inf
-    role: Role = Role.ESTIMATED
+    role: Role = Role.ESTIMATED  #: whether it is estimated, considered or fixed
+    #: Change of the parameter, in `unit`, that moves an observation by about one metre: 1 for metres, 1/1737400
+    #: for a selenographic angle in rad, 0.001 for a time bias in seconds. It makes parameters of different units
+    #: comparable in unobservable directions; the estimate does not depend on it.
     scale: float = 1.0
+    #: First and last epoch on which it acts, UTC, if not the whole arc.
     span_utc: tuple[str, str] | None = None
+    #: Errors of the a-priori value that other results share, by name: change by one sigma of each, in `unit`.
+    #: They are part of `prior_sigma`.
     prior_errors: Mapping[str, float] = field(default_factory=dict, hash=False)
 
     def __post_init__(self) -> None:
@@ -101,17 +84,13 @@ class Parameter:
 class ParameterSet:
     """Parameters in the order of the columns of the partials; arrays are read-only, shape (p,).
 
-    Parameters
-    ----------
-    parameters : iterable of Parameter
-        At least one. No name occurs twice, but a considered parameter may be the error of a fixed one.
-
     Raises
     ------
     InputError
         The set is empty, or a name occurs twice.
     """
 
+    #: At least one. No name occurs twice, but a considered parameter may be the error of a fixed one.
     parameters: Sequence[Parameter]
 
     def __post_init__(self) -> None:

@@ -32,33 +32,18 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class FigureType:
-    """Declaration of a figure of results.
+    """Declaration of a figure of results."""
 
-    Parameters
-    ----------
-    name : str
-        Unique name, by which result types list the figure.
-    draw : callable
-        Function of the result, and of ``ax`` if the figure can be drawn in axes given, that returns the figure, several
-        of one kind, or None if the result has nothing to draw.
-    caption : str
-        Text alternative of the figure.
-    section : str
-        Section of the page.
-    file : str
-        File name without ending, if it is not the name. Further figures of one kind are numbered: ``arcs_2``.
-    page_only : bool
-        Whether the page shows the figure and the folder has no file of it.
-    photograph : bool
-        Whether the figure consists of photographs, which the page shows on a dark ground.
-    """
-
-    name: str
+    name: str  #: unique name, by which result types list the figure
+    #: Function of the result, and of ``ax`` if the figure can be drawn in axes given, that returns the figure,
+    #: several of one kind, or None if the result has nothing to draw.
     draw: Callable[..., Figure | Iterable[Figure] | None]
-    caption: str
-    section: str = RESULT
+    caption: str  #: text alternative of the figure
+    section: str = RESULT  #: section of the page
+    #: File name without ending, if it is not the name. Further figures of one kind are numbered: ``arcs_2``.
     file: str = ""
-    page_only: bool = False
+    page_only: bool = False  #: whether the page shows the figure and the folder has no file of it
+    #: Whether the figure consists of photographs, which the page shows on a dark ground.
     photograph: bool = False
 
     @property

@@ -114,7 +114,7 @@ class Card:
     """Fields in order, without empty ones, and details for the page; ``str()`` is the card for a terminal."""
 
     fields: Iterable[Field]
-    details: Iterable[Detail] = ()  # an iterator, as only the page needs them
+    details: Iterable[Detail] = ()  #: an iterator, as only the page needs them
 
     def __post_init__(self) -> None:
         set_fields(self, fields=tuple(field for field in self.fields if not field.is_empty))

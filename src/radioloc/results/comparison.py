@@ -26,30 +26,15 @@ _MAX_NAMED_PAIRS = 3  # that are named one by one
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Comparison(Result):
-    """Solutions and published positions, tested against each other.
+    """Solutions and published positions, tested against each other."""
 
-    Parameters
-    ----------
-    frame : str
-        Mean-Earth axes of all positions.
-    benchmark : str
-        Name of the row relative to which the others are given.
-    rows : tuple of PositionRow
-        Solutions, the joint estimate, references.
-    covariances_en_m2 : mapping of str to ndarray, shape (2, 2)
-        Total covariance of solutions, east and north in the axes at the benchmark.
-    agreements : tuple of Agreement
-        Each pair of solutions.
-    joint : JointEstimate or None
-        Estimate from all solutions that do not share observations.
-    """
-
-    frame: str
-    benchmark: str
-    rows: tuple[PositionRow, ...]
+    frame: str  #: mean-Earth axes of all positions
+    benchmark: str  #: name of the row relative to which the others are given
+    rows: tuple[PositionRow, ...]  #: solutions, the joint estimate, references
+    #: (2, 2), total covariance of solutions, east and north in the axes at the benchmark.
     covariances_en_m2: dict[str, Any]
-    agreements: tuple[Agreement, ...]
-    joint: JointEstimate | None
+    agreements: tuple[Agreement, ...]  #: each pair of solutions
+    joint: JointEstimate | None  #: estimate from all solutions that do not share observations
 
     @property
     def estimates(self) -> list[PositionRow]:

@@ -142,13 +142,13 @@ class CovarianceStudy(Result):
     """Predicted accuracy of a position or an orbit from a tracking plan."""
 
     name: str
-    arcs: tuple[PlannedArc, ...]  # the shortest first
+    arcs: tuple[PlannedArc, ...]  #: the shortest first
     contributions: tuple[Contribution, ...]
-    improvements: tuple[Improvement, ...]  # the best first
-    reach_m: float | None = None  # 95 % radius to be reached
-    reach_h: float | None = None  # hours after which it is reached; None if it is not
+    improvements: tuple[Improvement, ...]  #: the best first
+    reach_m: float | None = None  #: 95 % radius to be reached
+    reach_h: float | None = None  #: hours after which it is reached; None if it is not
     notes: tuple[str, ...] = ()
-    others: tuple[CovarianceStudy, ...] = ()  # of further targets in the same problem
+    others: tuple[CovarianceStudy, ...] = ()  #: of further targets in the same problem
 
     @property
     def longest(self) -> PlannedArc:

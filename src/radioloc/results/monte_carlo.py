@@ -109,51 +109,30 @@ class LinearityCheck:
 
     trials: tuple[int, ...]
     largest_m: float  # largest difference of a position east, north or up
-    largest_sigmas: (
-        float  # the same in claimed sigmas, or the largest relative difference of a sigma if that is larger
-    )
+    # The same in claimed sigmas, or the largest relative difference of a sigma if that is larger.
+    largest_sigmas: float
     passed: bool  # differences within 1 mm or 1 % of sigma, whichever is larger, and sigmas within 2 %
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MonteCarlo(Result):
-    """Trials of a study and their statistics.
+    """Trials of a study and their statistics."""
 
-    Parameters
-    ----------
-    name : str
-        Name of the study.
-    seed : int
-    hours, span_h : tuple of float
-        Nominal and actual lengths of the arcs, the longest first, h; three times each for an orbit.
-    columns : tuple of str
-        Names of the numbers of each trial and arc.
-    values : ndarray, shape (trials, arcs, columns)
-        NaN for a missing number.
-    linear : bool
-        Whether the trials are those of the linear model, or full fits.
-    linearity : LinearityCheck or None
-        Test of the linear model against full fits; None if all trials were full fits from the start.
-    drawn : tuple of str
-        Parameters drawn at random.
-    at_h : tuple of float
-        Epochs, from the state's epoch, at which an orbit is compared with the truth, for each of `hours`: the state's
-        epoch, the middle and the end of the tracking. Empty for a place.
-    others : tuple of MonteCarlo
-        Results of further targets in the same trials.
-    """
-
-    name: str
+    name: str  #: of the study
     seed: int
+    #: Nominal and actual lengths of the arcs, the longest first, h; three times each for an orbit.
     hours: tuple[float, ...]
-    span_h: tuple[float, ...]
-    columns: tuple[str, ...]
-    values: Floats
-    linear: bool
+    span_h: tuple[float, ...]  #: likewise
+    columns: tuple[str, ...]  #: names of the numbers of each trial and arc
+    values: Floats  #: (trials, arcs, columns), NaN for a missing number
+    linear: bool  #: whether the trials are those of the linear model, or full fits
+    #: Test of the linear model against full fits; None if all trials were full fits from the start.
     linearity: LinearityCheck | None
-    drawn: tuple[str, ...]
+    drawn: tuple[str, ...]  #: parameters drawn at random
+    #: Epochs, from the state's epoch, at which an orbit is compared with the truth, for each of `hours`: the
+    #: state's epoch, the middle and the end of the tracking. Empty for a place.
     at_h: tuple[float, ...] = ()
-    others: tuple[MonteCarlo, ...] = ()
+    others: tuple[MonteCarlo, ...] = ()  #: results of further targets in the same trials
 
     def __getitem__(self, column: str) -> Floats:
         """Return a column of all trials and arcs, shape (trials, arcs).

@@ -14,9 +14,8 @@ from radioloc.results.names import parameter_name, source_name
 _KINDS = ("station_position", "clock", "range_bias", "time_bias", "transponder_delay", "frequency_offset")
 """Kinds of error that the card names, the usual faults of stations first."""
 _MAX_KINDS, _MAX_HIDDEN = 4, 3  # a card fits a screen; to_dict() has all of them
-_MIN_EFFECT_M = (
-    0.01  # least effect on the position, m, of a hidden error that changes an observation by a metre
-)
+# Least effect on the position, m, of a hidden error that changes an observation by a metre.
+_MIN_EFFECT_M = 0.01
 _TIME_UNITS = ((1e-6, 1e9, "ns"), (1e-3, 1e6, "us"), (1.0, 1e3, "ms"))  # upper bound, s, factor and unit
 
 

@@ -100,20 +100,11 @@ class ResultType:
 
     Results of types that have a file pattern or a figure in common replace each other in a folder; those of other types
     can stand beside each other.
-
-    Parameters
-    ----------
-    name : str
-        Unique name, such as ``"solution"``.
-    type : type
-        Class of the results, derived from :class:`Result`.
-    figures : tuple of str
-        Names of the figures, in order (entries of :data:`radioloc.report.figure_types.FIGURES`).
-    file_patterns : tuple of str
-        Names or patterns of all files that such a result can have in its folder, apart from the figures.
     """
 
-    name: str
-    type: type[Result]
+    name: str  #: unique name, such as ``"solution"``
+    type: type[Result]  #: class of the results, derived from :class:`Result`
+    #: Names of the figures, in order (entries of :data:`radioloc.report.figure_types.FIGURES`).
     figures: tuple[str, ...] = ()
+    #: Names or patterns of all files that such a result can have in its folder, apart from the figures.
     file_patterns: tuple[str, ...] = ()

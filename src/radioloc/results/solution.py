@@ -75,105 +75,53 @@ class Solution(Result):
     Sigmas have three levels: ``"formal"`` from the stated sigmas; ``"scaled"`` by larger residuals and their time
     correlation; ``"total"`` with the errors of consider parameters and, for the position, the assumed ephemeris error.
     A sigma without a level is the total.
-
-    Parameters
-    ----------
-    name : str
-        Name of the study or the target.
-    status : FitStatus
-        Outcome of the fit.
-    message : str
-        Reason of a failure or a remark, with numbers; may be empty.
-    parameters : ParameterSet
-        Parameters with a-priori values.
-    values : ndarray, shape (p,)
-        Estimated values.
-    formal_covariance, covariance : ndarray, shape (p, p)
-        Formal and scaled covariance; undetermined parameters have infinite variances.
-    noise_scale : float
-        Factor on the stated sigmas in the scaled covariance.
-    pa_frame, me_frame : str
-        Names of the axes, such as ``"PA_DE421"`` and ``"ME_DE421"``.
-    position_pa_m : ndarray, shape (3,)
-        Estimated position in principal axes, m; of a target on a trajectory the offset from it, zeros.
-    position_partials : ndarray, shape (3, p)
-        d(position_pa)/d(parameter): the identity for cartesian parameters, zeros for others.
-    rot_pa_to_me : ndarray, shape (3, 3)
-        Rotation from principal to mean-Earth axes.
-    ephemeris_sigma_enu_m : ndarray, shape (3,)
-        Assumed error of the position by ephemeris and orientation, east, north, up, m.
-    fit : FitStatistics
-        Residual statistics.
-    residuals : Residuals
-        All observations.
-    observability : Observability
-        Poorly determined and undetermined combinations.
-    time_correlation : TimeCorrelation or None
-        Series with time-correlated residuals, and their contribution to the scaled covariance.
-    series_weights : tuple of SeriesWeight
-        Series with reduced weight, as their residuals are correlated in time.
-    iterations : int
-        Gauss-Newton steps of the last fit.
-    passes : int
-        Number of fits during outlier rejection.
-    reference : ReferenceComparison or None
-        Difference to a known position.
-    references : tuple of ReferenceComparison
-        Differences to further known positions.
-    notes : tuple of str
-        Sentences on the data and the model that call for an action.
-    limitations : tuple of str
-        Sentences on effects that are not modelled, and the sources of the media.
-    provenance : mapping
-        Kernels with their hashes, tables, versions, settings.
-    consider : Consider or None
-        Effects of the consider parameters on the estimate.
-    prior_effects : ndarray, shape (p, p)
-        Change of the estimate by an error of one sigma of each a-priori value (columns).
-    targets : tuple of TargetPosition
-        Positions of several targets; the position of the solution is that of the first.
-    consistency : Consistency
-        Tests of groups of observations against all others.
-    trajectory : str or None
-        Trajectory of a target that is not fixed to the Moon. Properties of the position then raise
-        :class:`~radioloc.errors.InputError`.
-    state : OrbitState or None
-        Estimated state of the first spacecraft, with its covariance.
-    states : mapping of str to OrbitState
-        Estimated states of all spacecraft, by the names of the targets.
     """
 
-    status: FitStatus
-    message: str
-    parameters: ParameterSet
-    values: Floats
+    status: FitStatus  #: outcome of the fit
+    message: str  #: reason of a failure or a remark, with numbers; may be empty
+    parameters: ParameterSet  #: parameters with a-priori values
+    values: Floats  #: (p,), estimated values
+    #: (p, p), formal and scaled covariance; undetermined parameters have infinite variances.
     formal_covariance: Floats
-    covariance: Floats
-    noise_scale: float
-    pa_frame: str
-    me_frame: str
+    covariance: Floats  #: likewise
+    noise_scale: float  #: factor on the stated sigmas in the scaled covariance
+    pa_frame: str  #: names of the axes, such as ``"PA_DE421"`` and ``"ME_DE421"``
+    me_frame: str  #: likewise
+    #: (3,), estimated position in principal axes, m; of a target on a trajectory the offset from it, zeros.
     position_pa_m: Floats
+    #: (3, p), d(position_pa)/d(parameter): the identity for cartesian parameters, zeros for others.
     position_partials: Floats
-    rot_pa_to_me: Floats
-    fit: FitStatistics
-    residuals: Residuals
-    observability: Observability
-    name: str = "solution"
+    rot_pa_to_me: Floats  #: (3, 3), rotation from principal to mean-Earth axes
+    fit: FitStatistics  #: residual statistics
+    residuals: Residuals  #: all observations
+    observability: Observability  #: poorly determined and undetermined combinations
+    name: str = "solution"  #: name of the study or the target
+    #: (3,), assumed error of the position by ephemeris and orientation, east, north, up, m.
     ephemeris_sigma_enu_m: Floats = field(default_factory=lambda: np.zeros(3))
+    #: Series with time-correlated residuals, and their contribution to the scaled covariance.
     time_correlation: TimeCorrelation | None = None
+    #: Series with reduced weight, as their residuals are correlated in time.
     series_weights: tuple[SeriesWeight, ...] = ()
-    iterations: int = 0
-    passes: int = 1
-    reference: ReferenceComparison | None = None
-    references: tuple[ReferenceComparison, ...] = ()
-    notes: tuple[str, ...] = ()
+    iterations: int = 0  #: Gauss-Newton steps of the last fit
+    passes: int = 1  #: number of fits during outlier rejection
+    reference: ReferenceComparison | None = None  #: difference to a known position
+    references: tuple[ReferenceComparison, ...] = ()  #: differences to further known positions
+    notes: tuple[str, ...] = ()  #: sentences on the data and the model that call for an action
+    #: Sentences on effects that are not modelled, and the sources of the media.
     limitations: tuple[str, ...] = ()
+    #: Kernels with their hashes, tables, versions, settings.
     provenance: Mapping[str, Any] = field(default_factory=dict)
+    #: Trajectory of a target that is not fixed to the Moon. Properties of the position then raise
+    #: :class:`~radioloc.errors.InputError`.
     trajectory: str | None = None
+    #: Estimated states of all spacecraft, by the names of the targets.
     states: Mapping[str, OrbitState] = field(default_factory=dict)
-    consider: Consider | None = None
+    consider: Consider | None = None  #: effects of the consider parameters on the estimate
+    #: (p, p), change of the estimate by an error of one sigma of each a-priori value (columns).
     prior_effects: Floats = field(default_factory=lambda: np.zeros((0, 0)))
+    #: Positions of several targets; the position of the solution is that of the first.
     targets: tuple[TargetPosition, ...] = ()
+    #: Tests of groups of observations against all others.
     consistency: Consistency = field(default_factory=Consistency)
 
     def __post_init__(self) -> None:

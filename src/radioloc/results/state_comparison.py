@@ -37,21 +37,11 @@ class StatePair:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StateComparison(Result):
-    """States of a spacecraft from several solutions, compared pair by pair.
+    """States of a spacecraft from several solutions, compared pair by pair."""
 
-    Parameters
-    ----------
-    epoch_tdb : str
-        Epoch of all states.
-    solutions : mapping of str to bool
-        Whether each solution converged, by name.
-    pairs : tuple of StatePair
-        Differences of all pairs.
-    """
-
-    epoch_tdb: str
-    solutions: Mapping[str, bool]
-    pairs: tuple[StatePair, ...]
+    epoch_tdb: str  #: epoch of all states
+    solutions: Mapping[str, bool]  #: whether each solution converged, by name
+    pairs: tuple[StatePair, ...]  #: differences of all pairs
 
     @property
     def name(self) -> str:

@@ -134,21 +134,12 @@ class StateRow:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ArcStudy(Result):
-    """Solutions of arcs of several lengths, and reference positions.
+    """Solutions of arcs of several lengths, and reference positions."""
 
-    Parameters
-    ----------
-    name : str
-        Name of the study.
-    arcs : tuple of Arc
-        The longest first.
-    references : tuple of Reference
-        Known positions in mean-Earth axes. The first is the benchmark of all others; without references the longest
-        arc is.
-    """
-
-    name: str
-    arcs: tuple[Arc, ...]
+    name: str  #: of the study
+    arcs: tuple[Arc, ...]  #: the longest first
+    #: Known positions in mean-Earth axes. The first is the benchmark of all others; without references the
+    #: longest arc is.
     references: Sequence[Reference] = ()
 
     @property

@@ -39,9 +39,8 @@ _GRID_POINT_COUNT = 500  # 190 km apart
 _MIN_LIMB_COSINE = math.cos(math.radians(98.0))  # librations show 8 deg beyond the mean limb
 # Standard deviations of the adjustment from a point of the grid, along the sphere and in height.
 _CELL_SIGMA_M, _HEIGHT_SIGMA_M = 1e5, 3e3
-_MAX_LOSS_RATIO = (
-    0.5  # of another position to the a-priori one, which weakly determined positions do not reach
-)
+# Of another position to the a-priori one, which weakly determined positions do not reach.
+_MAX_LOSS_RATIO = 0.5
 _MAX_MEAN_LOSS = 5.0  # of an adequate a-priori position: residuals of a few sigmas
 _STEP_TOLERANCE_M = 1e4
 _REWEIGHTING_COUNT = 6

@@ -41,21 +41,21 @@ _PROCESSES_PER_DECADE = 2  # of correlation times, for flicker noise
 class Noise:
     """Sum of the random errors of one series."""
 
-    white_m: float = 0.0  # standard deviation, independent between epochs
-    # Standard deviation of a stationary first-order Gauss-Markov process with the autocovariance
-    # coloured_m^2 exp(-|dt| / correlation_s).
+    white_m: float = 0.0  #: standard deviation, independent between epochs
+    #: Standard deviation of a stationary first-order Gauss-Markov process with the autocovariance
+    #: ``coloured_m^2 exp(-|dt| / correlation_s)``.
     coloured_m: float = 0.0
     correlation_s: float = 0.0
     walk_m_sqrt_s: float = (
         0.0  # random walk from zero at the start of the session, m per square root of a second
     )
-    outlier_fraction: float = 0.0  # of the epochs
-    outlier_m: float = 0.0  # uniform between half and 1.5 times this size, of either sign
-    # Standard deviation of flicker noise, of spectral density 1/f, in each decade of frequency from one over the
-    # length of the session to one over the step.
+    outlier_fraction: float = 0.0  #: of the epochs
+    outlier_m: float = 0.0  #: uniform between half and 1.5 times this size, of either sign
+    #: Standard deviation of flicker noise, of spectral density 1/f, in each decade of frequency from one over the
+    #: length of the session to one over the step.
     flicker_m: float = 0.0
-    # Standard deviation of the phase at either end of a count interval: contiguous counts share a phase with opposite
-    # signs, and have the correlation -1/2.
+    #: Standard deviation of the phase at either end of a count interval: contiguous counts share a phase with opposite
+    #: signs, and have the correlation -1/2.
     phase_m: float = 0.0
 
     def __post_init__(self) -> None:
@@ -127,12 +127,12 @@ class Noise:
 class NoiseModel:
     """Random errors of all observations."""
 
-    # By kind of measurement: errors of each link, independent between links.
+    #: By kind of measurement: errors of each link, independent between links.
     link: Mapping[str, Noise] = field(default_factory=dict)
-    # Errors of the arrival times at each VLBI station (clock, instrument, atmosphere): a delay has that of its second
-    # station less that of its first, so that they cancel around a triangle.
+    #: Errors of the arrival times at each VLBI station (clock, instrument, atmosphere): a delay has that of its second
+    #: station less that of its first, so that they cancel around a triangle.
     vlbi_station: Noise = field(default_factory=Noise)
-    # Errors of the change of the arrival time over a count interval, for delay rates.
+    #: Errors of the change of the arrival time over a count interval, for delay rates.
     vlbi_station_rate: Noise = field(default_factory=Noise)
 
     def __post_init__(self) -> None:

@@ -105,21 +105,21 @@ LINKS: dict[str, tuple[str, Callable[..., tuple[Pair, ...]]]] = {
 class Session:
     """Links with equal settings at regular epochs."""
 
-    kind: str  # of KINDS, with one target
-    # Stations of each link: `one_way`, `two_way`, `three_way`, `all_ranges`, `baselines`.
+    kind: str  #: of KINDS, with one target
+    #: Stations of each link: `one_way`, `two_way`, `three_way`, `all_ranges`, `baselines`.
     pairs: Sequence[Pair]
     start_utc: str
-    stop_utc: str  # the latest possible epoch; the days from the start to it must not have a leap second
+    stop_utc: str  #: the latest possible epoch; the days from the start to it must not have a leap second
     step_s: float
-    sigma_m: float  # stated standard deviation of the observations
-    # Only one station transmits at a time, the first in `pairs` of those that see the target.
+    sigma_m: float  #: stated standard deviation of the observations
+    #: Only one station transmits at a time, the first in `pairs` of those that see the target.
     one_uplink: bool = False
-    time_tag: str = "receive"  # event at the epochs, of TIME_TAGS
-    count_s: float = math.nan  # count interval of Doppler and delay rates
-    uplink_hz: float = math.nan  # frequency of the uplink; NaN if it has no effect
-    wavelength_um: float = math.nan  # wavelength of the downlink, micrometres; NaN if it has no effect
-    source: str = ""  # a quasar of the model in place of the target
-    targets: tuple[str, ...] = ()  # those of several targets that are tracked; all by default
+    time_tag: str = "receive"  #: event at the epochs, of TIME_TAGS
+    count_s: float = math.nan  #: count interval of Doppler and delay rates
+    uplink_hz: float = math.nan  #: frequency of the uplink; NaN if it has no effect
+    wavelength_um: float = math.nan  #: wavelength of the downlink, micrometres; NaN if it has no effect
+    source: str = ""  #: a quasar of the model in place of the target
+    targets: tuple[str, ...] = ()  #: those of several targets that are tracked; all by default
 
     def __post_init__(self) -> None:
         convert_fields(self)
@@ -174,11 +174,11 @@ class Session:
 class Plan:
     """Planned observations, n of them, without values."""
 
-    observations: Observations  # in the order of time; each value is a placeholder of one metre
+    observations: Observations  #: in the order of time; each value is a placeholder of one metre
     sessions: tuple[Session, ...]
-    session: NDArray[np.int64]  # index into sessions, shape (n,)
-    slot: NDArray[np.int64]  # index into all epochs of the session, shape (n,)
-    pair: NDArray[np.int64]  # index into the pairs of the session, shape (n,)
+    session: NDArray[np.int64]  #: index into sessions, shape (n,)
+    slot: NDArray[np.int64]  #: index into all epochs of the session, shape (n,)
+    pair: NDArray[np.int64]  #: index into the pairs of the session, shape (n,)
 
     def select(self, rows: NDArray[np.intp]) -> Plan:
         """Return the plan of some observations."""

@@ -44,15 +44,15 @@ from radioloc.vectors import Floats
 class Simulated:
     """Observations of a simulated world; arrays are of shape (n,), m."""
 
-    observations: Observations  # with all errors; sigmas of the schedule
-    targets: tuple[TrueTarget, ...]  # with the drawn errors of their positions
+    observations: Observations  #: with all errors; sigmas of the schedule
+    targets: tuple[TrueTarget, ...]  #: with the drawn errors of their positions
     truth: Truth
     noise: NoiseModel
     seed: int
-    error_free_m: Floats  # values by the nominal model with the world's terms
-    added_m: dict[str, Floats]  # effects of the truth's errors, by kind of parameter
-    drawn: dict[str, float]  # drawn errors by parameter
-    drawn_m: Floats  # their effects
+    error_free_m: Floats  #: values by the nominal model with the world's terms
+    added_m: dict[str, Floats]  #: effects of the truth's errors, by kind of parameter
+    drawn: dict[str, float]  #: drawn errors by parameter
+    drawn_m: Floats  #: their effects
     noise_m: Floats
     is_outlier: NDArray[np.bool_]
 
@@ -100,10 +100,10 @@ class World:
     scenario: Scenario
     plan: Plan
     targets: tuple[TrueTarget, ...]
-    error_free_m: Floats  # this and the following as in Simulated
+    error_free_m: Floats  #: this and the following as in Simulated
     added_m: dict[str, Floats]
-    errors: dict[str, float]  # errors of the truth by parameter, such as "range_bias.KASHI"
-    drawn: DrawnErrors  # errors of the trials of a Monte Carlo study
+    errors: dict[str, float]  #: errors of the truth by parameter, such as "range_bias.KASHI"
+    drawn: DrawnErrors  #: errors of the trials of a Monte Carlo study
 
     def __repr__(self) -> str:
         return f"<World {len(self.plan.observations)} observations of {self.scenario.name}>"
@@ -187,14 +187,14 @@ class Scenario:
     """Simulation apart from the nominal model, with which the observations would be fitted."""
 
     schedule: Schedule
-    # True position, trajectory or orbit of the target, or of several by name.
+    #: True position, trajectory or orbit of the target, or of several by name.
     position: TargetRecord | Mapping[str, TargetRecord]
-    truth: Truth = field(default_factory=Truth)  # differences of the world from the nominal model
-    noise: NoiseModel = field(default_factory=NoiseModel)  # random errors
-    # Errors about those of the truth, drawn anew in every trial.
+    truth: Truth = field(default_factory=Truth)  #: differences of the world from the nominal model
+    noise: NoiseModel = field(default_factory=NoiseModel)  #: random errors
+    #: Errors about those of the truth, drawn anew in every trial.
     truth_sigma: TruthSigma = field(default_factory=TruthSigma)
-    seed: int = 0  # whole number from zero up; the same seed gives the same errors
-    name: str = "lander"  # name of a single target in the observations
+    seed: int = 0  #: whole number from zero up; the same seed gives the same errors
+    name: str = "lander"  #: name of a single target in the observations
 
     def __post_init__(self) -> None:
         require_seed(self.seed)

@@ -62,10 +62,10 @@ class Truth:
     ignored.
     """
 
-    values: Mapping[str, ParameterChoice]  # errors by kind of parameter
-    terms_on: tuple[str, ...]  # terms (TERMS) of the world that the model lacks
-    terms_off: tuple[str, ...]  # terms of the model that the world lacks
-    # Epoch of the offsets of clocks and frequencies with a rate; the middle of the sessions if None.
+    values: Mapping[str, ParameterChoice]  #: errors by kind of parameter
+    terms_on: tuple[str, ...]  #: terms (TERMS) of the world that the model lacks
+    terms_off: tuple[str, ...]  #: terms of the model that the world lacks
+    #: Epoch of the offsets of clocks and frequencies with a rate; the middle of the sessions if None.
     clock_epoch_utc: str | None
 
     @accepts_quantities
@@ -97,15 +97,14 @@ class TruthSigma:
     """Standard deviations of errors about the truth, drawn anew in every trial, by the keywords of :class:`Truth`."""
 
     sigmas: Mapping[str, ParameterChoice]
-    # Of each point about its nominal position, east, north and up (selenocentric): up is the error of a terrain map
-    # if the study has an a-priori height.
+    #: Of each point about its nominal position, east, north and up (selenocentric): up is the error of a terrain map
+    #: if the study has an a-priori height.
     position_enu_m: tuple[float, float, float]
     clock_epoch_utc: str | None
-    # Number of drawn error fields that the gravity error of an orbiter's trial combines; zero for no gravity error.
+    #: Number of drawn error fields that the gravity error of an orbiter's trial combines; zero for no gravity error.
     gravity_errors: int
-    considered: (
-        bool  # whether errors that the fit considers are drawn with its sigmas where nothing is stated
-    )
+    #: Whether errors that the fit considers are drawn with its sigmas where nothing is stated.
+    considered: bool
 
     @accepts_quantities
     def __init__(

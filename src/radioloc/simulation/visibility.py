@@ -57,9 +57,9 @@ _CROSSING_TOLERANCE_S = 0.1  # For rise and set before rounding to whole seconds
 class Masks:
     """Lowest elevations of tracking, from -90 to 90 deg."""
 
-    station_deg: float = 10.0  # of the target above a station's horizon
-    target_deg: float = 0.0  # of a station above the target's horizon, for terrain or antenna at the target
-    # Masks of single stations by catalogue name.
+    station_deg: float = 10.0  #: of the target above a station's horizon
+    target_deg: float = 0.0  #: of a station above the target's horizon, for terrain or antenna at the target
+    #: Masks of single stations by catalogue name.
     by_station_deg: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -77,10 +77,10 @@ class Masks:
 class Elevations:
     """Elevations at both ends of n signals at k stations."""
 
-    stations: tuple[str, ...]  # catalogue names
-    # Of the target above each station's horizon (the plane normal to the ellipsoid's vertical), shape (n, k).
+    stations: tuple[str, ...]  #: catalogue names
+    #: Of the target above each station's horizon (the plane normal to the ellipsoid's vertical), shape (n, k).
     at_station_rad: Floats
-    # Of each station above the target's horizon (the plane normal to its radius; of a spacecraft, the Moon's limb).
+    #: Of each station above the target's horizon (the plane normal to its radius; of a spacecraft, the Moon's limb).
     at_target_rad: Floats
 
     def margin_rad(self, masks: Masks) -> Floats:
@@ -263,8 +263,8 @@ class Window:
 
     start_utc: str
     stop_utc: str
-    rises: bool  # at its begin; false at the limit of the search
-    sets: bool  # at its end; false at the limit of the search
+    rises: bool  #: at its begin; false at the limit of the search
+    sets: bool  #: at its end; false at the limit of the search
 
 
 @accepts_quantities

@@ -31,34 +31,7 @@ _SIGMA_TOLERANCE = 1e-9  # Relative difference of two sigmas that are the same b
 
 @dataclass(frozen=True, slots=True)
 class PlaceOnMap:
-    """A position that was read on a map, a table ``[[observations.map_positions]]``.
-
-    Parameters
-    ----------
-    solution : Path or None
-        ``solution.json`` of :command:`radioloc images` on a map, or else the numbers that follow.
-    longitude_deg, latitude_deg, height_m : float or None
-        Position on the map; the height is zero by default.
-    sigma_m : float or tuple of float, or None
-        Standard deviations relative to the map, east and north, m.
-    sigma_up_m : float or None
-        Standard deviation of the height, m; without it the height is not determined.
-    map : str or None
-        Name of the map; that of the solution by default.
-    map_sigma_m : float or tuple of float, or None
-        Standard deviations of the map's tie to the Moon's axes, east and north, m.
-    target : str or None
-        Name of the target, where there are several.
-    known_deg_m : tuple of float, or None
-        Known longitude, latitude and height of a reflector or landmark, which determines the tie of the map.
-    frame : str
-        Axes of the numbers.
-
-    Raises
-    ------
-    InputError
-        Numbers are missing, impossible or given beside a solution; the solution is not one of images on a map.
-    """
+    """Position on a map: keys of ``[[observations.map_positions]]``, as the reference of the study file has them."""
 
     solution: Path | None = None
     longitude_deg: float | None = None

@@ -30,55 +30,9 @@ TDM_KEYS = {
 
 @dataclass(frozen=True, slots=True)
 class ObservationChoice:
-    """Choice of the observations of a study.
+    """Keys of ``[observations]``, as the reference of the study file describes them, globs of files already resolved.
 
-    Parameters
-    ----------
-    files : path-like or iterable of path-like
-        Files to read, globs already resolved.
-    targets, stations : str or iterable of str, or None
-        Targets and stations to keep; all where ``None``.
-    target_names : mapping of str to str
-        Names that targets have in the study, by those in the files.
-    types : str or iterable of str, or None
-        Types of measurement to keep, such as ``"doppler"``; all where ``None``.
-    start, stop : Epochs or None
-        First and last epoch to keep, UTC.
-    hours : float or None
-        Length of the arc from ``start``, or from the first observation.
-    doppler_average_s : float or None
-        Counts of integrated Doppler and delay rates that follow each other without gaps, of one path and frequency, are
-        summed over this interval, s.
-    extra_sigma_m : float
-        Error of the model and of the instruments beyond the stated sigmas, added in quadrature to each stated
-        sigma, m; of ranges and Doppler that of the round trip.
-    tdm : TdmAgreement
-        Agreements on Tracking Data Messages: sigmas, whether RANGE is halved, ...
-    frequencies : iterable of FrequencyAgreement
-        Signals of the files of received frequencies: for each file the first entry that matches it.
-    sites : tuple of Path
-        Files of sites (:func:`~radioloc.io.read_sites`), whose stations a study file has beside those of the catalogue.
-    vlbi_station_sigma_m : float or mapping of str to float
-        Error of each VLBI station's arrival time, metres, which all delays of one epoch that the station has part in
-        share; beside the sigmas of the delays. By station: those not named have none.
-    vlbi_station_rate_sigma_m : float or mapping of str to float
-        Likewise the error of by how much each station's arrival time grows over the count interval, for delay rates.
-    doppler_phase_sigma_m : float or mapping of str to float
-        White noise of the phase at either end of a count of one-, two- or three-way Doppler, metres, by receiving
-        station or of all, beside the sigmas of the counts: contiguous counts of a link share that between them, with
-        opposite signs.
-    transmitters : str or iterable of str, or None
-        Candidates for the transmitter of Doppler: ``radioloc search`` states for each pass the one that leaves the
-        smallest residuals, whatever the files name.
-    turnarounds : str or iterable of str, or None
-        Candidates for the ratio of frequency down to up, such as ``"880/749"``.
-    uplinks : iterable of Uplink
-        Transmitters and turnaround ratios of passes, in place of those of the files.
-    weights : iterable of Weight
-        Changes of the stated sigmas by type, station and file, before the extra ones are added.
-    map_positions : iterable of PlaceOnMap
-        Where targets are seen on maps. The ties of the maps are considered, with independent weights estimated about
-        zero, with their sigmas, unless the study says otherwise.
+    The keys on Tracking Data Messages are those of `tdm` (:data:`TDM_KEYS`).
     """
 
     files: tuple[Path, ...] = ()

@@ -381,24 +381,14 @@ def toml_content(path: Path) -> dict[str, object]:
 
 @dataclass(frozen=True, slots=True)
 class StudyTable:
-    """Declaration of a further top-level table of study files (:func:`~radioloc.study.read_study`).
+    """Declaration of a further top-level table of study files (:func:`~radioloc.study.read_study`)."""
 
-    Parameters
-    ----------
-    name : str
-        Unique name, such as ``"images"``.
-    record : type
-        Dataclass of its keys. ``Study.extensions[name]`` is the record of a study with the table.
-    run : callable, optional
-        Function of the path that returns the result, if a file with this table is a study of its own kind.
-    command : str
-        Name of the command that runs such a study.
-    """
-
-    name: str
+    name: str  #: unique name, such as ``"images"``
+    #: Dataclass of its keys. ``Study.extensions[name]`` is the record of a study with the table.
     record: type
+    #: Function of the path that returns the result, if a file with this table is a study of its own kind.
     run: Callable[[Path], Any] | None = None
-    command: str = ""
+    command: str = ""  #: name of the command that runs such a study
 
 
 STUDY_TABLES = Registry("radioloc.study_tables", StudyTable, ())

@@ -118,40 +118,10 @@ class TerrainPrior:
 
 @dataclass(frozen=True, slots=True, init=False)
 class EstimateChoice:
-    """Choice of the estimated parameters with their priors.
+    """Keys of ``[estimate]``, as the reference of the study file describes them, with those of all kinds of parameter.
 
-    Parameters
-    ----------
-    position : {"geographic", "cartesian", "none"}
-        Parameters of the position: east, north and height; x, y, z; or fixed.
-    height_prior : HeightPrior or TerrainPrior or None
-        Prior on the height; needs the geographic parameters.
-    ephemeris_sigma_m : tuple of float
-        Sigmas of the lunar ephemeris and orientation, as errors of the position: east, north, up.
-    rejection_sigma : float
-        An observation is rejected if its residual exceeds this multiple of its expected sigma; 2 or more.
-    weights : {"correlated", "independent"}
-        Whether weights allow for the correlation in time of dense series.
-    variance_components : {"type", "link", "link and pass"}
-        Groups whose noise beyond the stated sigmas is estimated from the residuals: each type, and stations and links
-        that differ significantly; each link; or each link and pass.
-    pass_gap_h : float
-        Shortest gap between two passes of a station.
-    clock_epoch : Epochs or None
-        Epoch to which offsets of clocks and frequencies with rates, and their a-priori sigmas, refer, UTC; the middle
-        of the arc by default.
-    position_priors : tuple of PositionPrior
-        A-priori positions with their covariance, of positions on maps; the study sets them.
-    orbit : OrbitChoice or None
-        Parameters of orbits; by default the state, and forces with an a-priori uncertainty.
-    parameters : mapping of str to ParameterChoice, optional
-        Kinds of parameter by name; keys that follow change them.
-    **keys
-        For each kind NAME of :data:`~radioloc.parameters.registry.PARAMETERS`: ``NAME``, the estimated members (a list
-        of names, ``"all"`` or ``"none"``; true or false for a single one); ``NAME_m`` (or another unit), the a-priori
-        value of all or by name, 0 by default, at which other members are fixed; ``NAME_sigma_m``, its sigma, free by
-        default; ``NAME_per``, the scope (``"station"``, ``"pass"``, ``"link"``, ``"link and pass"``). For example
-        ``range_bias="all", range_bias_sigma_m=10.0``.
+    For example ``EstimateChoice(range_bias="all", range_bias_sigma_m=10.0)``. `parameters` are choices by kind, which
+    the keys change; `position_priors` are those of positions on maps, which the study sets.
     """
 
     position: str = entry("geographic", choices=POSITION_FORMS)
@@ -218,41 +188,7 @@ class EstimateChoice:
 
 @dataclass(frozen=True, slots=True)
 class ModelChoice:
-    """Choice of kernels, tables and terms of the model.
-
-    Parameters
-    ----------
-    off : iterable of str
-        Terms to switch off, of :data:`~radioloc.measurements.TERMS`.
-    ephemeris, libration : str
-        Registered name or path of the SPK and of the binary PCK.
-    earth_orientation : Path or None
-        A C04 or finals2000A file in place of the installed tables.
-    eop_beyond : {"hold", "extrapolate"} or None
-        Continuation of the Earth orientation after the table, for planning.
-    ionex : tuple of Path
-        IONEX maps of the electron content.
-    tec_tecu : float or None
-        Instead of maps, a constant vertical electron content, TECU.
-    vmf3 : tuple of Path
-        Files of VMF3 for the troposphere of radio signals, of sites or maps.
-    vmf3_orography : Path or None
-        With maps, the file of their heights.
-    csp : tuple of Path
-        TRO and ION files of the Deep Space Network, for its stations.
-    csp_scid : int or None
-        Spacecraft number, if the files have several.
-    gpt3 : Path or None
-        Grid of GPT3, for stations without VMF3.
-    delays : EquipmentDelays
-        Delays of transponder and stations in the observations.
-    sources : tuple of Path
-        Lists of quasars.
-    free_clocks : iterable of str
-        Stations whose frequency standards are not steered to UTC.
-    evaluation : {"auto", "exact", "interpolated"}
-        Whether dense series are interpolated: :func:`~radioloc.measurements.evaluation.prepare_predictor`.
-    """
+    """Keys of ``[model]``, as the reference of the study file describes them, with the delays as one record."""
 
     off: tuple[str, ...] = ()
     ephemeris: str = entry("DE421", read=_kernel)
@@ -318,65 +254,40 @@ _FIELD_TYPES: Mapping[str, tuple[type, ...]] = {
 class Study:
     """Study, read from a file or built in Python.
 
-    Parameters
-    ----------
-    target : LunarPosition, Trajectory, Orbiter or TargetDescription, optional
-        A-priori position; or a known trajectory, which needs ``position="none"``; or an orbiter; or a target of a kind
-        in :data:`~radioloc.targets.TARGET_KINDS`. By default the first of `targets`.
-    observations, estimate, model
-    catalogue : StationCatalogue
-        Stations.
-    reference : Reference or None
-        Known position to compare the result with.
-    references : iterable of Reference
-        Further known positions, for the table of an arc-length study.
-    name : str
-        Name on the result card.
-    simulation : Scenario or None
-        Tracking to be simulated, of all targets.
-    targets : mapping of name to target
-        Several targets of any kinds, by their names in the observations.
-    consider : mapping of str to ParameterChoice
-        Consider parameters with their a-priori sigmas, of
-        :func:`~radioloc.parameters.considered.considered_choices`. They are not estimated; their errors are in the
-        covariance.
-    consider_defaults : bool
-        Whether other kinds of parameter are considered with their default sigmas.
-    suboptimal : tuple of str
-        Kinds of consider parameters that the weights neglect: their effect on the estimate is added to its covariance
-        (classical consider analysis).
-    path : Path or None
-        File of the study.
-    candidates : iterable of str or None
-        Stations, and links by their paths, whose improvement a covariance study predicts; by default stations of the
-        catalogue.
-    target_name : str or None
-        Name of `target`, compared with that in the tracking data.
-    extensions : mapping of str to object
-        Records of tables of other packages (:class:`~radioloc.study.StudyTable`), by the name of the table.
-
     Raises
     ------
     InputError
         Fields contradict each other or have the wrong type.
     """
 
-    target: AnyTarget = None  # type: ignore[assignment]  # of targets, then
+    #: A-priori position; or a known trajectory, which needs ``position="none"``; or an orbiter; or a target of a
+    #: kind in :data:`~radioloc.targets.TARGET_KINDS`. By default the first of `targets`.
+    target: AnyTarget = None  # type: ignore[assignment]  #: of targets, then
     observations: ObservationChoice = field(default_factory=ObservationChoice)
     estimate: EstimateChoice = field(default_factory=EstimateChoice)
     model: ModelChoice = field(default_factory=ModelChoice)
-    catalogue: StationCatalogue = field(default_factory=StationCatalogue.default)
-    reference: Reference | None = None
-    references: tuple[Reference, ...] = ()
-    name: str = "study"
-    simulation: Scenario | None = None
+    catalogue: StationCatalogue = field(default_factory=StationCatalogue.default)  #: stations
+    reference: Reference | None = None  #: known position to compare the result with
+    references: tuple[Reference, ...] = ()  #: further known positions, for the table of an arc-length study
+    name: str = "study"  #: name on the result card
+    simulation: Scenario | None = None  #: tracking to be simulated, of all targets
+    #: Several targets of any kinds, by their names in the observations.
     targets: Mapping[str, AnyTarget] = field(default_factory=dict)
+    #: Consider parameters with their a-priori sigmas, of
+    #: :func:`~radioloc.parameters.considered.considered_choices`. They are not estimated; their errors are in
+    #: the covariance.
     consider: Mapping[str, ParameterChoice] = field(default_factory=dict)
+    #: Whether other kinds of parameter are considered with their default sigmas.
     consider_defaults: bool = True
+    #: Kinds of consider parameters that the weights neglect: their effect on the estimate is added to its
+    #: covariance (classical consider analysis).
     suboptimal: tuple[str, ...] = ()
-    path: Path | None = None
+    path: Path | None = None  #: file of the study
+    #: Stations, and links by their paths, whose improvement a covariance study predicts; by default stations of
+    #: the catalogue.
     candidates: tuple[str, ...] | None = None
-    target_name: str | None = None
+    target_name: str | None = None  #: name of `target`, compared with that in the tracking data
+    #: Records of tables of other packages (:class:`~radioloc.study.StudyTable`), by the name of the table.
     extensions: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:

@@ -25,22 +25,7 @@ _TAG_TOLERANCE_S = 1e-3  # Epochs of study files are rounded to milliseconds
 
 @dataclass(frozen=True, slots=True)
 class Uplink:
-    """The transmitter of Doppler that a station received in a pass.
-
-    Parameters
-    ----------
-    receiver : str
-        The receiving station.
-    start, stop : Epochs
-        First and last time tag, UTC.
-    transmitter : str or None
-        The transmitting station, in place of the one that the files name.
-    turnaround : tuple of int or None
-        Ratio of frequency down to up, such as (880, 749), in place of the one that the recorded frequencies have. The
-        received frequencies stay as they are.
-    target : str or None
-        The target; all where ``None``.
-    """
+    """Transmitter of Doppler that a station received in a pass: keys of ``[[observations.uplinks]]``."""
 
     receiver: str
     start: Epochs = entry(moment=True)

@@ -25,29 +25,7 @@ _WEIGHT_ADVICE = (
 
 @dataclass(frozen=True, slots=True)
 class Weight:
-    """Change of the sigmas of the observations that all selectors apply to.
-
-    Parameters
-    ----------
-    type : str or iterable of str, or None
-        Kinds of measurement, of :data:`~radioloc.measurements.registry.KINDS`; all where ``None``.
-    stations : str or iterable of str, or None
-        Stations at either end of the path; all where ``None``.
-    files : str or iterable of str, or None
-        Names or globs of the files that the observations came from; all where ``None``.
-    sigma_m : float or None
-        The sigma, in place of the stated one, m; of ranges and Doppler that of the round trip.
-    factor : float or None
-        Multiplies the sigma.
-    extra_sigma_m : float or None
-        Added to it in quadrature, m; of ranges and Doppler that of the round trip. Of several changes this is the last,
-        ``sigma_m`` the first.
-
-    Raises
-    ------
-    InputError
-        A type is not known, a list is empty, nothing is changed, or a number is not above zero.
-    """
+    """Keys of ``[[observations.weights]]``, as the reference of the study file describes them."""
 
     type: tuple[str, ...] | None = entry(None, names=True, choices=KINDS)
     stations: tuple[str, ...] | None = entry(None, names=True)

@@ -54,15 +54,15 @@ class Descent(OnOrbit):
     """A spacecraft that comes to rest on the Moon; the epoch of its orbit is the touchdown."""
 
     name: str
-    parameters: list[Parameter]  # three of the place, three of the velocity, those of the forces
-    place: PositionFunction  # of the first three
-    orbit: AdjustableOrbit  # a priori
+    parameters: list[Parameter]  #: three of the place, three of the velocity, those of the forces
+    place: PositionFunction  #: of the first three
+    orbit: AdjustableOrbit  #: a priori
     ground: Ground
-    axes: Floats  # east, north and up at the a-priori place in the ICRF, as columns
+    axes: Floats  #: east, north and up at the a-priori place in the ICRF, as columns
     errors: GravityErrors
-    body: int  # NAIF code of the spacecraft in kernels
-    epoch: Epochs  # TDB, of the state that is reported, before the touchdown
-    process_noise: None = None  # its axes vanish with the velocity at the touchdown
+    body: int  #: NAIF code of the spacecraft in kernels
+    epoch: Epochs  #: TDB, of the state that is reported, before the touchdown
+    process_noise: None = None  #: its axes vanish with the velocity at the touchdown
     preceding: int = 0
 
     @property

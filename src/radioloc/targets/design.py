@@ -32,9 +32,8 @@ class ObservationModel:
     """Parameters of an arc, and the observations as a function of them."""
 
     predictor: Predictor
-    parameters: (
-        ParameterSet  # three for the position of each target, or those of its orbit, then kind by kind
-    )
+    # Three for the position of each target, or those of its orbit, then kind by kind.
+    parameters: ParameterSet
     targets: tuple[Target, ...]
     columns: tuple[Columns, ...]  # of the kinds of parameter
     reference: Epochs | None = None  # epoch that rates refer to, TAI; the middle of the arc as a rule

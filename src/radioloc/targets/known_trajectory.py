@@ -21,7 +21,7 @@ from radioloc.vectors import Floats
 class KnownTrajectory(WithoutForces):
     """A spacecraft on a trajectory, whose offset from it is held at zero."""
 
-    name: str  # empty of the only one
+    name: str  #: empty of the only one
     trajectory: AnyTrajectory
 
     @property

@@ -54,9 +54,8 @@ class OnOrbit:
 
     __slots__ = ()
     orbit: AdjustableOrbit  # a priori
-    changes: (
-        PositionFunction  # from the parameters to changes of those of the orbit (q,), with partials (q, p)
-    )
+    # From the parameters to changes of those of the orbit (q,), with partials (q, p).
+    changes: PositionFunction
     errors: GravityErrors
 
     @property
@@ -104,10 +103,10 @@ class TargetOrbit(OnOrbit):
 
     name: str
     parameters: list[Parameter]
-    changes: PositionFunction  # from the parameters to changes of those of the orbit, with partials
-    orbit: AdjustableOrbit  # a priori
+    changes: PositionFunction  #: from the parameters to changes of those of the orbit, with partials
+    orbit: AdjustableOrbit  #: a priori
     errors: GravityErrors
-    body: int  # NAIF code of the spacecraft in kernels
+    body: int  #: NAIF code of the spacecraft in kernels
     process_noise: ProcessNoise | None = None
     preceding: int = 0
 

@@ -98,12 +98,12 @@ class StateDifference:
 class OrbitState:
     """State at the epoch of an orbit that was fitted."""
 
-    orbit: AdjustableOrbit  # of the estimated values
-    parameter_covariance: Floats  # (p, p), total, those of the state first; m, m/s and the forces' units
-    sensitivity: Floats  # (p, k), of the parameters to considered errors of gravity, each of one sigma
-    disturbed: AdjustableOrbit | None = None  # with the effects of these errors, if there are any
-    body: int = -999  # NAIF code of the spacecraft in kernels
-    process: ProcessEstimate | None = None  # those of the orbit itself have its values
+    orbit: AdjustableOrbit  #: of the estimated values
+    parameter_covariance: Floats  #: (p, p), total, those of the state first; m, m/s and the forces' units
+    sensitivity: Floats  #: (p, k), of the parameters to considered errors of gravity, each of one sigma
+    disturbed: AdjustableOrbit | None = None  #: with the effects of these errors, if there are any
+    body: int = -999  #: NAIF code of the spacecraft in kernels
+    process: ProcessEstimate | None = None  #: those of the orbit itself have its values
 
     @property
     def epoch(self) -> Epochs:

@@ -34,13 +34,13 @@ def map_tie_names(map_name: str) -> tuple[str, str]:
 class PositionPrior:
     """A-priori position of a target; an InputError where its covariance is not positive definite."""
 
-    target: str  # canonical name; empty where there is only one
-    mean: LunarPosition  # in mean-Earth axes
-    covariance_enu_m2: Floats  # total, of east, north and up; NaN for a height that is not determined
+    target: str  #: canonical name; empty where there is only one
+    mean: LunarPosition  #: in mean-Earth axes
+    covariance_enu_m2: Floats  #: total, of east, north and up; NaN for a height that is not determined
     errors_enu_m: Mapping[str, Floats] = field(
         default_factory=dict
     )  # one sigma of errors shared with other results
-    data: tuple[str, ...] = ()  # identifiers of the data behind it
+    data: tuple[str, ...] = ()  #: identifiers of the data behind it
     cross_enu_m2: Mapping[str, Floats] = field(
         default_factory=dict
     )  # (rows) with positions of other targets, by name

@@ -26,18 +26,10 @@ class TargetDescription(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class TargetKind:
-    """Kind of target of a study file.
+    """Kind of target of a study file."""
 
-    Parameters
-    ----------
-    name : str
-        Unique name: ``kind`` of ``[target]`` and ``[targets.NAME]``.
-    record : type
-        Dataclass of the other keys, a :class:`TargetDescription`.
-    """
-
-    name: str
-    record: type[TargetDescription]
+    name: str  #: unique name: ``kind`` of ``[target]`` and ``[targets.NAME]``
+    record: type[TargetDescription]  #: dataclass of the other keys, a :class:`TargetDescription`
 
 
 TARGET_KINDS: Mapping[str, TargetKind] = Registry("radioloc.targets", TargetKind, ())

@@ -37,7 +37,7 @@ class SurfacePoint(WithoutForces):
     name: str
     parameters: list[Parameter]
     position: PositionFunction
-    preceding: int = 0  # parameters of the points before
+    preceding: int = 0  #: parameters of the points before
     apriori_pa_m: Floats | None = (
         None  # where visibility is decided first; by default at the a-priori parameters
     )

@@ -22,20 +22,11 @@ class Epochs:
 
     The fraction is kept in [0, 1), so an epoch is resolved to 1e-11 s whatever its date, and the date is exact.
     For UTC the pair is ERFA's quasi Julian date: on a day with a leap second the fraction runs over 86401 s.
-
-    Parameters
-    ----------
-    jd : array_like, shape (n,)
-        Julian date of the midnight before the epoch (ends in .5).
-    fraction : array_like, shape (n,)
-        Fraction of the day since then, 0 <= fraction < 1.
-    scale : {"UTC", "TAI", "TT", "TDB", "UT1"}
-        Time scale.
     """
 
-    jd: Floats
-    fraction: Floats
-    scale: str
+    jd: Floats  #: (n,), Julian date of the midnight before the epoch (ends in .5)
+    fraction: Floats  #: (n,), fraction of the day since then, 0 <= fraction < 1
+    scale: str  #: "UTC", "TAI", "TT", "TDB", "UT1": time scale
 
     def __post_init__(self) -> None:
         for name in ("jd", "fraction"):

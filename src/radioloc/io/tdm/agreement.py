@@ -23,50 +23,38 @@ CONVENTIONS = ("round_trip", "half")
 class TdmAgreement:
     """Agreement on the content of messages that they do not state themselves.
 
-    Parameters
-    ----------
-    sigma_m : mapping of str to float
-        Standard deviation by type of observation (``"range"``, ``"vlbi_delay"``, ``"doppler"``, ...), m; the standard
-        lacks a keyword for it. For two- and three-way ranges that of the round trip, for Doppler that of the range
-        difference over the count interval.
-    range_convention : {"round_trip", "half"}
-        Whether RANGE of a two- or three-way path is the light path of the round trip, or half of it.
-    doppler_convention : {"round_trip", "half"}
-        Whether DOPPLER_INTEGRATED and DOPPLER_INSTANTANEOUS of such a path are its rate, or half of it.
-    range_unit_s : float, optional
-        Length of one range unit (RANGE_UNITS = RU), s of time of flight, of RANGE by its convention; where the unit
-        follows a changing transmitted frequency, at the first frequency of the message.
-    turnaround : tuple of int, optional
-        Numerator and denominator of the transponder's ratio of downlink to uplink frequency, where the file does
-        not state it.
-    delays_removed : bool
-        Whether TRANSMIT_DELAY_n and RECEIVE_DELAY_n are already removed from data and time tags (item 14).
-    modelled : EquipmentDelays
-        Delays of the model, of the transponder or of a station on the way out or in; the same delays of a file stay in
-        its data, so that they count once.
-    apply_clocks : bool
-        Whether to correct time tags, VLBI delays and ranges between two clocks by CLOCK_BIAS and CLOCK_DRIFT.
-    lunar : bool
-        Whether the target is at the Moon, so that ranges of another length are errors.
-    frequencies : tuple of FrequencyAgreement
-        Transmitted frequencies of messages with RECEIVE_FREQ only; the first that holds for a file counts. With a
-        transmitter, one-way paths are three-way.
-
     Raises
     ------
     InputError
         A value is out of range or unknown.
     """
 
+    #: Standard deviation by type of observation (``"range"``, ``"vlbi_delay"``, ``"doppler"``, ...), m; the
+    #: standard lacks a keyword for it. For two- and three-way ranges that of the round trip, for Doppler that of
+    #: the range difference over the count interval.
     sigma_m: Mapping[str, float] = field(default_factory=dict)
+    #: "round_trip", "half": whether RANGE of a two- or three-way path is the light path of the round trip, or
+    #: half of it.
     range_convention: str = "round_trip"
+    #: "round_trip", "half": whether DOPPLER_INTEGRATED and DOPPLER_INSTANTANEOUS of such a path are its rate, or
+    #: half of it.
     doppler_convention: str = "round_trip"
+    #: Length of one range unit (RANGE_UNITS = RU), s of time of flight, of RANGE by its convention; where the
+    #: unit follows a changing transmitted frequency, at the first frequency of the message.
     range_unit_s: float | None = None
+    #: Numerator and denominator of the transponder's ratio of downlink to uplink frequency, where the file does
+    #: not state it.
     turnaround: tuple[int, int] | None = None
+    #: Whether TRANSMIT_DELAY_n and RECEIVE_DELAY_n are already removed from data and time tags (item 14).
     delays_removed: bool = False
+    #: Delays of the model, of the transponder or of a station on the way out or in; the same delays of a file
+    #: stay in its data, so that they count once.
     modelled: EquipmentDelays = field(default_factory=EquipmentDelays)
+    #: Whether to correct time tags, VLBI delays and ranges between two clocks by CLOCK_BIAS and CLOCK_DRIFT.
     apply_clocks: bool = True
-    lunar: bool = True
+    lunar: bool = True  #: whether the target is at the Moon, so that ranges of another length are errors
+    #: Transmitted frequencies of messages with RECEIVE_FREQ only; the first that holds for a file counts. With a
+    #: transmitter, one-way paths are three-way.
     frequencies: tuple[FrequencyAgreement, ...] = ()
 
     def __post_init__(self) -> None:

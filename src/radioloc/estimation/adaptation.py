@@ -28,9 +28,8 @@ class AdaptedEstimate:
 
     shift: Floats  # (p,), change of the reported parameters
     covariance: Floats  # (p, p), with the errors of the considered parameters
-    shift_sigmas: float = (
-        0.0  # length of the target's shift by the total covariance of the reported or this estimate
-    )
+    # Length of the target's shift by the total covariance of the reported or this estimate.
+    shift_sigmas: float = 0.0
 
 
 def adapted_estimate(problem: BinnedProblem, fit: FitResult) -> AdaptedEstimate:

@@ -202,9 +202,8 @@ class _Test:
     links: Links = field(default_factory=dict)
     span_s: Span = None
     alternatives: tuple[_Test, ...] = ()
-    log_chance: float = field(
-        default=math.nan
-    )  # logarithm of the corrected p-value, by default that of the verdict
+    # Logarithm of the corrected p-value, by default that of the verdict.
+    log_chance: float = field(default=math.nan)
 
     def __post_init__(self) -> None:
         if math.isnan(self.log_chance):

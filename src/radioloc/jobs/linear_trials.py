@@ -74,9 +74,8 @@ class LinearArc:
     estimate: EstimateChoice
     # (m, c), effects of considered errors that are not in the weights, each of one sigma.
     suboptimal_m: _Floats
-    drawn_prior_sigmas: _Floats | None = (
-        None  # (3 points,), of a-priori positions that are drawn about the truth
-    )
+    # (3 points,), of a-priori positions that are drawn about the truth.
+    drawn_prior_sigmas: _Floats | None = None
 
     def fit(self, residual_m: _Floats, seed: int) -> EditedFit:
         """Fit to residuals, as a study does, with the a-priori values of a trial's seed."""

@@ -43,9 +43,8 @@ class StagedStart:
     step_sigmas: Floats  # of the free parameters
     away_s: Floats  # time of each observation from the epoch; infinite for other targets
     target: int = 0
-    columns: slice = field(
-        default_factory=lambda: slice(None)
-    )  # of the orbit among the partials by all motions
+    # Of the orbit among the partials by all motions.
+    columns: slice = field(default_factory=lambda: slice(None))
 
     @classmethod
     def of(cls, problem: ObservationModel, sigma_m: Floats, target: int = 0) -> StagedStart | None:

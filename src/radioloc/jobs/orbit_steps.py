@@ -31,9 +31,8 @@ class OrbitPart:
     sigma_m: Floats
     apriori: Floats  # parameters of the orbit: state and forces
     target: int = 0
-    columns: slice = field(
-        default_factory=lambda: slice(None)
-    )  # of the orbit among the partials by all motions
+    # Of the orbit among the partials by all motions.
+    columns: slice = field(default_factory=lambda: slice(None))
 
     def compute(self, x: Floats) -> Computed:
         """Predict the observations for parameters x of the orbit."""

@@ -1,4 +1,8 @@
-"""Rendering of results: figures, the page, and the files of an output folder."""
+"""Rendering of results: figures, the page, and the files of an output folder.
+
+Figures are of matplotlib: each shows itself in a notebook, and :func:`save_figure` writes it. With `ax` a figure is
+drawn in given axes, one of several panels in place of axes of a grid.
+"""
 
 from radioloc.report.figure_types import FIGURES, FigureType, plot
 from radioloc.report.figures import save_figure

@@ -77,11 +77,6 @@ def plot(result: Result, name: str, ax: Axes | None = None) -> Figure:
         Axes to draw in, in place of a figure of its own. A figure of several panels takes their place in the grid that
         they are of.
 
-    Returns
-    -------
-    matplotlib.figure.Figure
-        Shows itself in a notebook; save it with :func:`~radioloc.report.save_figure`.
-
     Raises
     ------
     InputError

@@ -76,11 +76,6 @@ def plot_map(
     ax : matplotlib.axes.Axes, optional
         Axes to draw in, without the globe; by default those of a new figure.
 
-    Returns
-    -------
-    matplotlib.figure.Figure
-        Shows itself in a notebook; save it with :func:`~radioloc.report.save_figure`.
-
     Raises
     ------
     InputError

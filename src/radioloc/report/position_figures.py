@@ -91,13 +91,6 @@ def plot_position(solution: Solution, ax: Axes | None = None) -> Figure:
     ----------
     solution : Solution
         Solution with its references; ellipses are those of the total covariance.
-    ax : matplotlib.axes.Axes, optional
-        Axes to draw in; by default those of a new figure.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        Shows itself in a notebook; save it with :func:`~radioloc.report.save_figure`.
 
     Raises
     ------

@@ -83,13 +83,6 @@ def plot_residuals(
         Source of the residuals.
     title : str, optional
         Title; the solution's name by default.
-    ax : matplotlib.axes.Axes, optional
-        Axes of a grid in whose place the panels are drawn.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        Shows itself in a notebook; save it with :func:`~radioloc.report.save_figure`.
 
     Raises
     ------
@@ -289,8 +282,6 @@ def plot_terms(terms: Mapping[str, Floats], observations: Observations, ax: Axes
         Computed value less the computed value without the term, m, from ``terms()`` of a predictor.
     observations : Observations
         Observations of the terms, in the same order.
-    ax
-        As of :func:`plot_residuals`.
 
     Returns
     -------

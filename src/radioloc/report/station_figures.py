@@ -46,8 +46,6 @@ def plot_visibility(
     ----------
     model, target_pa_m, stations, start_utc, stop_utc, masks
         Arguments of :func:`~radioloc.simulation.windows`, which documents the errors.
-    ax : matplotlib.axes.Axes, optional
-        Axes of a grid in whose place the panels are drawn.
 
     Returns
     -------

@@ -90,9 +90,8 @@ class ArcSummary:
     used: float  # mean number of used observations
     rejected: float  # mean number of rejected observations
     max_rejected: int  # largest number of rejected observations
-    from_longest_95_m: (
-        float | None
-    )  # horizontal distance from the longest arc's position in 95 % of the trials
+    # Horizontal distance from the longest arc's position in 95 % of the trials.
+    from_longest_95_m: float | None
     parameters: tuple[ParameterSummary, ...]  # of the other parameters
     at_h: float | None = None  # epoch at which an orbit is compared, from the state's epoch
     nees_state: Nees | None = None  # of position and velocity of an orbit

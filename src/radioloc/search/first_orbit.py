@@ -55,9 +55,8 @@ class Candidate:
     misfit_m_s: float  # robust spread of the range rates
     inclination_deg: float  # to the Moon's equator
     node_deg: float
-    mirrored: bool = (
-        False  # plane closer to the mirror image of the best candidate than to the best candidate
-    )
+    # Plane closer to the mirror image of the best candidate than to the best candidate.
+    mirrored: bool = False
 
     def to_dict(self) -> dict[str, Any]:
         """Return all fields in JSON types."""

@@ -224,9 +224,8 @@ class Planner:
 
     schedule: Schedule
     model: PhysicalModel
-    sights: dict[int, tuple[Sight, Sight]] = field(
-        default_factory=dict
-    )  # by session, of first and last signals
+    # By session, of first and last signals.
+    sights: dict[int, tuple[Sight, Sight]] = field(default_factory=dict)
 
     def plan(self, target_pa_m: Target | Mapping[str, Target], target: str = "lander") -> Plan:
         """Return :meth:`Schedule.plan`."""

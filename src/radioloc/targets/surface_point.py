@@ -38,9 +38,8 @@ class SurfacePoint(WithoutForces):
     parameters: list[Parameter]
     position: PositionFunction
     preceding: int = 0  #: parameters of the points before
-    apriori_pa_m: Floats | None = (
-        None  # where visibility is decided first; by default at the a-priori parameters
-    )
+    # Where visibility is decided first; by default at the a-priori parameters.
+    apriori_pa_m: Floats | None = None
 
     @property
     def has_place(self) -> bool:

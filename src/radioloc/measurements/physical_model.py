@@ -31,17 +31,17 @@ class PhysicalModel:
     """Kernels, tables and active terms of predictions, from :meth:`PhysicalModel.build`."""
 
     ephemeris: Ephemeris
-    libration: LunarOrientation  # of the same ephemeris
+    libration: LunarOrientation  #: of the same ephemeris
     earth: EarthOrientation
     catalogue: StationCatalogue
-    terms: frozenset[str]  # active names of TERMS
-    ionosphere: ElectronContent | None = None  # None: radio signals have no ionospheric delay
-    delays: EquipmentDelays = field(default_factory=EquipmentDelays)  # by the catalogue's names of stations
-    radio_atmosphere: RadioAtmosphere | None = None  # VMF3 and GPT3 files
-    sources: Sources = field(default_factory=dict)  # at infinity, by their names
-    free_clocks: tuple[str, ...] = ()  # stations whose clocks keep proper time, by the catalogue's names
-    media_calibrations: MediaCalibrations | None = None  # of the Deep Space Network
-    max_extrapolation_s: float = 1e-3  # of straight motions near an event: 20 nm of a station
+    terms: frozenset[str]  #: active names of TERMS
+    ionosphere: ElectronContent | None = None  #: None: radio signals have no ionospheric delay
+    delays: EquipmentDelays = field(default_factory=EquipmentDelays)  #: by the catalogue's names of stations
+    radio_atmosphere: RadioAtmosphere | None = None  #: VMF3 and GPT3 files
+    sources: Sources = field(default_factory=dict)  #: at infinity, by their names
+    free_clocks: tuple[str, ...] = ()  #: stations whose clocks keep proper time, by the catalogue's names
+    media_calibrations: MediaCalibrations | None = None  #: of the Deep Space Network
+    max_extrapolation_s: float = 1e-3  #: of straight motions near an event: 20 nm of a station
 
     @classmethod
     def build(

@@ -29,15 +29,15 @@ class AccuracyMap(Result):
     """Predicted sigmas at each of k times m sites in the middle of cells; infinite where a site is not determined."""
 
     name: str
-    frame: str  # mean-Earth axes of longitude and latitude
-    height_m: float  # of all sites above the sphere of 1737.4 km
-    span_h: float  # from the start to the last observation of any site
-    longitude_deg: Floats  # (m,), from west to east
-    latitude_deg: Floats  # (k,), from north to south
-    count: NDArray[np.int64]  # (k, m), observations
-    refused: NDArray[np.int64]  # (k, m), visible observations that the model cannot compute, as too low
-    sigma_m: Floats  # (k, m, 3), east, north and up
-    radius_95_m: Floats  # (k, m), of the horizontal circle with the true point in 95 % of cases
+    frame: str  #: mean-Earth axes of longitude and latitude
+    height_m: float  #: of all sites above the sphere of 1737.4 km
+    span_h: float  #: from the start to the last observation of any site
+    longitude_deg: Floats  #: (m,), from west to east
+    latitude_deg: Floats  #: (k,), from north to south
+    count: NDArray[np.int64]  #: (k, m), observations
+    refused: NDArray[np.int64]  #: (k, m), visible observations that the model cannot compute, as too low
+    sigma_m: Floats  #: (k, m, 3), east, north and up
+    radius_95_m: Floats  #: (k, m), of the horizontal circle with the true point in 95 % of cases
 
     @property
     def determined(self) -> bool:

@@ -46,7 +46,7 @@ class Noise:
     #: ``coloured_m^2 exp(-|dt| / correlation_s)``.
     coloured_m: float = 0.0
     correlation_s: float = 0.0
-    # Random walk from zero at the start of the session, m per square root of a second.
+    #: Random walk from zero at the start of the session, m per square root of a second.
     walk_m_sqrt_s: float = 0.0
     outlier_fraction: float = 0.0  #: of the epochs
     outlier_m: float = 0.0  #: uniform between half and 1.5 times this size, of either sign

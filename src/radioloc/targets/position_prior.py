@@ -37,10 +37,10 @@ class PositionPrior:
     target: str  #: canonical name; empty where there is only one
     mean: LunarPosition  #: in mean-Earth axes
     covariance_enu_m2: Floats  #: total, of east, north and up; NaN for a height that is not determined
-    # One sigma of errors shared with other results.
+    #: One sigma of errors shared with other results.
     errors_enu_m: Mapping[str, Floats] = field(default_factory=dict)
     data: tuple[str, ...] = ()  #: identifiers of the data behind it
-    # (rows) with positions of other targets, by name.
+    #: (rows) with positions of other targets, by name.
     cross_enu_m2: Mapping[str, Floats] = field(default_factory=dict)
 
     def __post_init__(self) -> None:

@@ -38,7 +38,7 @@ class SurfacePoint(WithoutForces):
     parameters: list[Parameter]
     position: PositionFunction
     preceding: int = 0  #: parameters of the points before
-    # Where visibility is decided first; by default at the a-priori parameters.
+    #: Where visibility is decided first; by default at the a-priori parameters.
     apriori_pa_m: Floats | None = None
 
     @property

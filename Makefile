@@ -88,8 +88,8 @@ docs: $(VENV)/.installed-dev  ## The documentation as a site, out/docs/index.htm
 	rm -rf docs/reference/python  # made anew, without what is no more
 	$(BIN)/python -m sphinx -E -W --keep-going -q -b html -c docs -d out/doctrees . out/docs
 
-bench: $(VENV)/.installed-bench  ## Ratios against what else there is, off by default.
-	$(BIN)/python -m pytest tests/benchmarks --benchmark-only
+bench: $(VENV)/.installed-bench  ## Times, goals and ratios to other programs in one table; BENCH_ARGS are groups.
+	PYTHONPATH=tests/support OMP_NUM_THREADS=1 $(BIN)/python tests/benchmarks/bench.py $(BENCH_ARGS)
 
 DRAWS ?= 300
 calibration: $(VENV)/.installed-dev  ## Draw known truths in all kinds of tracking, and hold stated sigmas against their errors: table and figure in out/calibration.

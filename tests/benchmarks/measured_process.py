@@ -1,19 +1,9 @@
-"""Measured processes; on a busy machine tests of times are skipped."""
+"""Time and memory of a process of Python."""
 
 import os
 import subprocess
 import sys
 import time
-
-import pytest
-
-
-def skip_if_busy(max_load: float, figures: str) -> None:
-    """Skip the test, with the meaningless figures, if the load of the last minute is larger."""
-    load = os.getloadavg()[0]
-    if load > max_load:
-        pytest.skip(f"the machine is busy (load {load:.1f}): {figures}")
-
 
 # A process inherits the peak memory of its parent; a small process between them resets it.
 _BETWEEN = """

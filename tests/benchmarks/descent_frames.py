@@ -1,17 +1,14 @@
-"""A lander located by 240 frames of 2352 x 1728 pixels on a map of 10,000 x 10,000: time and memory of the command.
+"""Descent of 240 frames of 2352 x 1728 pixels on a map of 10,000 x 10,000, for a benchmark.
 
 Frames and map are drawn once, in some minutes, and kept in a folder of the system's for temporary files. To draw each
 frame from the ground would take the better part of an hour: every sixth is, at half the size (features are sought in
 reduced images), and those between are that one as the lower camera sees it, with noise and spacecraft of their own.
 """
 
-import json
-import tempfile
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from busy import run, skip_if_busy
 from procedural_descents import Descent
 from procedural_ground import Ground
 
@@ -21,12 +18,10 @@ from radioloc.imaging.ground_points import image_to_ground
 from radioloc.imaging.shading import sun_direction
 from radioloc.lunar import TangentPlane
 
-WALL_S, PEAK_MB = 300.0, 2000.0
 FRAMES, EVERY, SHAPE = 240, 6, (1728, 2352)
 MAP_PIXEL_M, MAP_PIXELS = 1.5, 10_000
 SHIFT_M = (6.0, -4.0)
 LEVEL_M = -2550.0
-MOST_SIGMA_M = 25.0
 
 GROUND = Ground(TangentPlane(-51.9162, 43.0584), seed=5, level_m=LEVEL_M)
 DESCENT = Descent(
@@ -92,26 +87,10 @@ def in_frame_above(k: int) -> list:
     return [cv2.remap(projected[..., c].astype(np.float32), *at, cv2.INTER_LINEAR) for c in (0, 1)]
 
 
-def test_located_with_240_images(benchmark, capsys):
-    folder = Path(tempfile.gettempdir()) / "radioloc_240_images"
-    if not (folder / "study.toml").exists():
-        draw(folder)
-    command = "-m", "radioloc", "images", "study.toml", "--out", "out"
-    wall_s, cpu_s, peak_mb, _ = benchmark.pedantic(run, args=(folder, *command), rounds=1)
-    with capsys.disabled():
-        print(f"\nlocated by {FRAMES} images: {wall_s:.0f} s, {cpu_s:.0f} s of CPU time, {peak_mb:.0f} MB")
-    benchmark.extra_info.update({"cpu_s": cpu_s, "peak_mb": peak_mb})
-    content = json.loads((folder / "out" / "solution.json").read_text())
-    assert [image["status"] for image in content["images"]] == ["registered"] * FRAMES
+def error_sigmas(content: dict) -> float:
+    """Return the larger horizontal error of a solution in its sigmas, in which relief has its part."""
     place, sigma = content["position"]["me"], content["sigma"]
     truth, place = GROUND.plane.from_longitude_latitude(
         [DESCENT.lander()[:2], (place["longitude_deg"], place["latitude_deg"])]
     )
-    # Without an elevation model, relief shifts tie points, which the sigma includes.
-    error_m, sigma_m = place - truth, [sigma["east_m"], sigma["north_m"]]
-    assert (np.abs(error_m) < np.multiply(3.0, sigma_m)).all()
-    assert max(sigma_m) < MOST_SIGMA_M
-    assert peak_mb < PEAK_MB
-    if wall_s > WALL_S:
-        skip_if_busy(2.0, f"{wall_s:.0f} s cannot be compared with {WALL_S:g} s")
-    assert wall_s < WALL_S
+    return float(np.abs((place - truth) / [sigma["east_m"], sigma["north_m"]]).max())

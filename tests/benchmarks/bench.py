@@ -108,12 +108,12 @@ def predictions(folder: Path) -> Iterator[Row]:
         yield Row(f"{name}, all terms and partials, one thread", 1e9 * by_time_s, "ns", 40.0)
         yield Row(f"{name} over bare polynomials", by_time_s / floor_s, "", 4.0)
         yield Row(f"{name} over bare polynomials, link by link", by_link_s / floor_s, "", 4.0)
-    few = planned.select(slice(0, 4096))
-    exact = ExactPredictor(model, few, FixedPoint(place_pa_m))
-    yield Row("observation by the exact path, prepared", 1e6 * cpu_s(exact.compute) / len(few), "us", 10.0)
+    sample = planned.select(slice(0, 4096))
+    exact = ExactPredictor(model, sample, FixedPoint(place_pa_m))
+    yield Row("observation by the exact path, prepared", 1e6 * cpu_s(exact.compute) / len(sample), "us", 10.0)
     tdb = tt_to_tdb(utc_to_tt(epochs_from_strings(["2020-12-01T21:00:00"], "UTC")))
     tdb_s = float((tdb.jd[0] - 2451545.0 + tdb.fraction[0]) * 86400.0) + np.arange(720.0)
-    for program, least in (
+    for program, min_factor in (
         (others.SpiceLoop, 1000.0),
         (others.Skyfield, 300.0),
         (others.Astropy, 300.0),
@@ -128,7 +128,7 @@ def predictions(folder: Path) -> Iterator[Row]:
         other_s = min(in_turns(*evaluated, turns=3)) / len(tdb_s)
         geometry.close()
         factor = other_s / own_s["three-way range"]
-        yield Row(f"{program.__name__}, geometry only, over this range", factor, "times", least, True)
+        yield Row(f"{program.__name__}, geometry only, over this range", factor, "times", min_factor, True)
 
 
 def in_blocks(arc, place_pa_m, block: int = 65536) -> None:

@@ -135,7 +135,9 @@ def solve(problem: EstimationProblem, left_out: dict[str, int], *, consistency: 
     fitted = _Fitted(problem, model, edited, stochastic, orbits, suboptimal)
     with step("testing the residuals"):
         solution = _solution(fitted, consistency)
-        return _completed(fitted, with_mistake(problem, solution) if consistency else solution, left_out)
+        return _completed(
+            fitted, with_mistake(problem, solution, edited) if consistency else solution, left_out
+        )
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,7 +6,8 @@ Some observations of each link are predicted again for each hypothesis, and a li
 
 over n observations, with the limit k of the rejection. With the variance of the noise estimated for each hypothesis,
 the logarithm of the likelihood ratio of two hypotheses is (n / 2) ln(q_2 / q_1). Hypotheses are tested only if the
-residuals of the data as they are exceed their stated sigmas by far.
+residuals of a series as it is exceed their stated sigmas by far. Orbits start at their a-priori states for each
+hypothesis, those of the data as they are also at the estimate: an orbit that fits these refutes any mistake.
 """
 
 from __future__ import annotations
@@ -20,9 +21,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.constants import SECONDS_PER_DAY
-from radioloc.errors import ConvergenceError, RadiolocError
+from radioloc.errors import ConvergenceError, InputError, RadiolocError
 from radioloc.estimation.consistency import SIGNIFICANCE_LEVEL, Inconsistency
+from radioloc.estimation.editing import EditedFit
 from radioloc.jobs.problem import EstimationProblem
+from radioloc.labels import USED
 from radioloc.measurements.evaluation import prepare_predictor
 from radioloc.measurements.link import Link
 from radioloc.measurements.observations import Observations
@@ -39,6 +42,7 @@ _MAX_SIGMAS = 5.0  # of a residual in the misfit, as in the rejection of outlier
 _MIN_MISFIT_RATIO = 4.0  # of the data as they are to the best hypothesis: residuals twice as large
 _MAX_ITERATED, _MAX_ITERATIONS = 8, 4  # hypotheses whose fit is iterated, linearizations of each
 _ROBUST_ITERATIONS = 20  # of weights that make squares absolute values
+_MIN_RELATIVE_INFORMATION = 1e-13  # keeps parameters that the data do not determine at their values
 _TAG_ERRORS_S = {"1 s late": 1.0, "1 s early": -1.0, "a day late": 86400.0, "a day early": -86400.0}
 _FACTORS = {"have the wrong sign": -1.0, "are half of the right ones": 2.0, "are twice the right ones": 0.5}
 
@@ -53,31 +57,46 @@ class Mistake:
     corrected: Observations | None = None  # predicted in place of the rows
 
 
-def with_mistake(problem: EstimationProblem, solution: Solution) -> Solution:
+def with_mistake(problem: EstimationProblem, solution: Solution, edited: EditedFit) -> Solution:
     """Return a solution whose finding is the mistake that explains the observations, if there is any."""
-    if problem.estimate is None or (solution.converged and not solution.consistency.found):
+    if problem.estimate is None or problem.process_noise is not None:
         return solution
-    mistake = find_mistake(problem)
+    is_right = solution.converged and not solution.consistency.found
+    if is_right and not _is_mostly_hidden(problem, edited.initial_status.are(USED)):
+        return solution
+    mistake = find_mistake(problem, edited.fit.x)
     if mistake is None:
         return solution
     return replace(solution, consistency=replace(solution.consistency, found=(mistake,)))
 
 
-def find_mistake(problem: EstimationProblem) -> Inconsistency | None:
-    """Return the mistake that explains the observations of an arc with places as targets; None without any."""
-    if problem.model.orbit_indices:  # an orbit of other epochs is another orbit
-        return None
+def _is_mostly_hidden(problem: EstimationProblem, visible: NDArray[np.bool_]) -> bool:
+    """Return whether a station does not see the target in most of its observations, as under the name of another."""
+    order = problem.order
+    total, seen = (np.bincount(order.code, rows, len(order.series)) for rows in (None, visible))
+    stations = order.of_stations(range(len(order.series)))
+    return any(2 * seen[[*codes]].sum() < total[[*codes]].sum() for codes in stations.values())
+
+
+def find_mistake(problem: EstimationProblem, x: Floats) -> Inconsistency | None:
+    """Return the mistake that explains the observations of an arc with estimate x; None without any."""
     rows = _sample(problem)
     arc, sigma_m = problem.arc.select(rows), problem.noise.sigma_m[rows]
     count = len(rows)
-    predictions = _Predictions(problem, arc, sigma_m)
-    stated = predictions.misfit(None, _MAX_ITERATIONS)
-    if not stated > _MIN_MISFIT_RATIO * count:
+    predictions = _Predictions(problem, arc, sigma_m, x)
+    stated = predictions.squares(None)
+    code = problem.order.code[rows]
+    sums, sizes = np.bincount(code, stated), np.bincount(code)
+    if not (sums > _MIN_MISFIT_RATIO * sizes).any():
         return None
-    first = sorted(mistakes(arc.observations), key=lambda item: predictions.misfit(item, 1))[:_MAX_ITERATED]
-    misfits = sorted((predictions.misfit(item, _MAX_ITERATIONS), item.name) for item in first)
+    first = sorted(mistakes(arc.observations), key=predictions.first_misfit)[:_MAX_ITERATED]
+    squares = {item.name: predictions.squares(item) for item in first}
+    misfits = sorted((float(values.sum()), name) for name, values in squares.items())
     smallest, name = misfits[0]
-    if stated < _MIN_MISFIT_RATIO * smallest:
+    changed = next(item.rows for item in first if item.name == name)
+    if not stated[changed].sum() > _MIN_MISFIT_RATIO * squares[name][changed].sum():
+        return None
+    if problem.model.orbit_indices and smallest > _MIN_MISFIT_RATIO * count:
         return None
     max_ratio = SIGNIFICANCE_LEVEL ** (-2.0 / count)
     alternatives = [(misfit, text) for misfit, text in misfits[1:] if misfit < max_ratio * smallest]
@@ -86,7 +105,7 @@ def find_mistake(problem: EstimationProblem) -> Inconsistency | None:
         name,
         smallest,
         count,
-        -0.5 * count * math.log10(stated / smallest),
+        -0.5 * count * math.log10(stated.sum() / smallest),
         None,
         None,
         {},
@@ -94,7 +113,7 @@ def find_mistake(problem: EstimationProblem) -> Inconsistency | None:
             Inconsistency("mistake", text, misfit, count, 0.0, None, None, {})
             for misfit, text in alternatives
         ),
-        next_chi2_ratio=min(misfits[1][0], stated) / smallest,
+        next_chi2_ratio=min(misfits[1][0], stated.sum()) / smallest,
     )
 
 
@@ -115,18 +134,20 @@ def mistakes(observations: Observations) -> Iterator[Mistake]:
             values = f"the {KINDS[kind]} values of {owner}"
             for text, factor in _FACTORS.items():
                 yield Mistake(f"{values} {text}", rows & (observations.kind == kind), factor)
-    every = np.ones(count, dtype=bool)
     for first, second in itertools.combinations(stations, 2):
         exchanged = {first: second, second: first}
         renamed = [_renamed(link, exchanged) for link in links]
+        rows = np.array([a != b for a, b in zip(links, renamed, strict=True)])[observations.link]
         corrected = replace(observations, links=tuple(renamed))
-        yield Mistake(f"the stations {first} and {second} are exchanged", every, corrected=corrected)
+        yield Mistake(f"the stations {first} and {second} are exchanged", rows, corrected=corrected)
     for k, link in enumerate(links):
         if link.transmitter and link.transmitter != link.receiver:
             turned = replace(link, transmitter=link.receiver, receiver=link.transmitter)
             corrected = replace(observations, links=(*links[:k], turned, *links[k + 1 :]))
             yield Mistake(
-                f"transmitter and receiver of {link.path} are exchanged", every, corrected=corrected
+                f"transmitter and receiver of {link.path} are exchanged",
+                observations.link == k,
+                corrected=corrected,
             )
 
 
@@ -137,33 +158,48 @@ class _Predictions:
     problem: EstimationProblem
     arc: Predictor
     sigma_m: Floats  # (n,)
+    x: Floats  # estimate of the observations as they are
     # By the identity of the corrected observations, and of the models, which are linearized at the a-priori values
     models: dict[int, ObservationModel | None] = field(default_factory=dict)
     start: dict[int, _Linear] = field(default_factory=dict)
 
-    def misfit(self, mistake: Mistake | None, iterations: int) -> float:
-        """Misfit of the observations, corrected for a mistake; infinite if they cannot be predicted."""
+    def first_misfit(self, mistake: Mistake) -> float:
+        """Sum of absolute residuals over sigmas after one step, for the order of hypotheses."""
+        return float(np.sqrt(self._squares(mistake, 1)).sum())
+
+    def squares(self, mistake: Mistake | None) -> Floats:
+        """Bounded squares (n,) of residuals over sigmas, corrected for a mistake."""
+        return np.minimum(self._squares(mistake, _MAX_ITERATIONS), _MAX_SIGMAS**2)
+
+    def _squares(self, mistake: Mistake | None, iterations: int) -> Floats:
+        """Squares (n,) after some steps; infinite without a prediction."""
         model = self._model(None)
         corrected_model = (
             model if mistake is None or mistake.corrected is None else self._model(mistake.corrected)
         )
+        squares = np.full(len(self.sigma_m), math.inf)
         if model is None or corrected_model is None:
-            return math.inf
-        x, misfit = corrected_model.parameters.prior_values, math.inf
+            return squares
+        x = corrected_model.parameters.prior_values.copy()
+        for k in (
+            model.orbit_indices if mistake is None else ()
+        ):  # the estimate may be far from the a-priori orbit
+            x[model.columns_of(k)] = self.x[self.problem.model.columns_of(k)]
         for iteration in range(iterations):
             try:
-                linear = self._linear(corrected_model, x, iteration == 0)
+                is_start = iteration == 0 and mistake is not None
+                linear = self._linear(corrected_model, x, is_start)
                 if mistake is not None and not mistake.rows.all() and mistake.corrected is not None:
-                    linear = linear.mixed(self._linear(model, x, iteration == 0), mistake.rows)
-            except ConvergenceError:  # steps that led far from the Moon
-                return math.inf
+                    linear = linear.mixed(self._linear(model, x, is_start), mistake.rows)
+            except (ConvergenceError, InputError):  # steps that led far from the Moon, or into it
+                return np.full(len(self.sigma_m), math.inf)
             if mistake is not None and mistake.corrected is None:
                 value_m = self.arc.observations.value_m
                 change_m = np.where(mistake.rows, (mistake.factor - 1.0) * value_m, 0.0)
                 linear = replace(linear, residual_m=linear.residual_m + change_m)
-            step, misfit = _robust_step(linear, self.sigma_m, corrected_model.parameters, x)
+            step, squares = _robust_step(linear, self.sigma_m, corrected_model.parameters, x)
             x = x + step
-        return misfit
+        return squares
 
     def _model(self, corrected: Observations | None) -> ObservationModel | None:
         if id(corrected) not in self.models:
@@ -214,24 +250,24 @@ class _Linear:
 
 def _robust_step(
     linear: _Linear, sigma_m: Floats, parameters: ParameterSet, x: Floats
-) -> tuple[Floats, float]:
-    """Return the step of the parameters (p,) that has the least sum of absolute residuals, nearly, and the misfit."""
+) -> tuple[Floats, Floats]:
+    """Return the step of p parameters with nearly the least sum of absolute residuals, and the squares (n,)."""
     free, sigmas = parameters.free, parameters.prior_sigmas
     residual = np.where(linear.usable, linear.residual_m / sigma_m, 0.0)
     partials = np.where(linear.usable[:, None], linear.partials[:, free] / sigma_m[:, None], 0.0)
-    prior = np.diag(1.0 / sigmas)[:, free]
-    prior_residual = (parameters.prior_values - x) / sigmas
-    step, weights = np.zeros(len(x)), np.ones(len(residual))
+    scale = np.sqrt(np.square(partials).sum(axis=0) + sigmas[free] ** -2.0)
+    scale[scale == 0.0] = 1.0
+    scaled, prior_weight = partials / scale, (sigmas[free] * scale) ** -2.0
+    prior = prior_weight * ((parameters.prior_values - x)[free] * scale)
+    step, remaining = np.zeros(len(x)), residual
+    weights = np.ones(len(residual))
     for _ in range(_ROBUST_ITERATIONS):
-        rows = np.concatenate([weights[:, None] * partials, prior])
-        scale = np.linalg.norm(rows, axis=0)
-        scale[scale == 0.0] = 1.0
-        right = np.concatenate([weights * residual, prior_residual])
-        step[free] = np.linalg.lstsq(rows / scale, right, rcond=None)[0] / scale
+        weighted = weights[:, None] * scaled
+        normal = scaled.T @ weighted + np.diag(prior_weight + _MIN_RELATIVE_INFORMATION)
+        step[free] = np.linalg.solve(normal, weighted.T @ residual + prior) / scale
         remaining = residual - partials @ step[free]
-        weights = 1.0 / np.sqrt(np.maximum(np.abs(remaining), 1.0))
-    squares = np.where(linear.usable, np.minimum(remaining**2, _MAX_SIGMAS**2), _MAX_SIGMAS**2)
-    return step, float(squares.sum())
+        weights = 1.0 / np.maximum(np.abs(remaining), 1.0)
+    return step, np.where(linear.usable, remaining**2, _MAX_SIGMAS**2)
 
 
 def _renamed(link: Link, names: Mapping[str, str]) -> Link:

@@ -23,7 +23,7 @@ from radioloc.earth.geodesy import rot_itrf_to_enu
 from radioloc.errors import RadiolocError
 from radioloc.measurements import Link
 from radioloc.simulation.noise import generator
-from radioloc.time import tai_to_utc, utc_to_tai
+from radioloc.time import Epochs, tai_to_utc, utc_to_tai, utc_to_tt
 
 LIMIT_PROBABILITY = 0.99  # of 3.4 sigmas in three dimensions, common to all targets of a world
 PASS_GAP_S = 3600.0
@@ -191,6 +191,18 @@ def tags(shift_s: float, *, of_station: bool = False) -> Change:
     def change(world: World, case: Case, _: np.random.Generator) -> Case:
         rows = rows_of(case.observations, world.station) if of_station else True
         return later(case, shift_s * np.ones(len(case.observations)) * rows)
+
+    return change
+
+
+def tags_as(other_scale: Callable[[Epochs], Epochs]) -> Change:
+    """Take time tags of another scale as UTC."""
+
+    def change(world: World, case: Case, _: np.random.Generator) -> Case:
+        epoch = other_scale(case.observations.epoch)
+        return replace(
+            case, observations=replace(case.observations, epoch=Epochs(epoch.jd, epoch.fraction, "UTC"))
+        )
 
     return change
 
@@ -533,8 +545,8 @@ FAULTS: tuple[Fault, ...] = (
     Fault("tags of a station 1 s late", "{station}|" + _TAGS, tags(1.0, of_station=True), ALL),
     Fault("tags 0.1 s late", _TAGS, tags(0.1), ALL),
     Fault("tags 1 s late", _TAGS, tags(1.0), ALL),
-    Fault("tags in TAI", _TAGS, tags(37.0), ALL),
-    Fault("tags in TDB", _TAGS, tags(69.184), ALL),
+    Fault("tags in TAI", _TAGS, tags_as(utc_to_tai), ALL),
+    Fault("tags in TDB", _TAGS, tags_as(utc_to_tt), ALL),
     Fault("tags one day late", _TAGS + "|epoch|one day", tags(86400.0), (*TRACKING,)),
     Fault(
         "transmit for receive tag",

@@ -24,6 +24,7 @@ from radioloc.constants import SECONDS_PER_DAY
 from radioloc.errors import ConvergenceError, InputError, RadiolocError
 from radioloc.estimation.consistency import SIGNIFICANCE_LEVEL, Inconsistency
 from radioloc.estimation.editing import EditedFit
+from radioloc.estimation.status import FitStatus
 from radioloc.jobs.problem import EstimationProblem
 from radioloc.labels import USED
 from radioloc.measurements.evaluation import prepare_predictor
@@ -67,7 +68,12 @@ def with_mistake(problem: EstimationProblem, solution: Solution, edited: EditedF
     mistake = find_mistake(problem, edited.fit.x)
     if mistake is None:
         return solution
-    return replace(solution, consistency=replace(solution.consistency, found=(mistake,)))
+    solution = replace(solution, consistency=replace(solution.consistency, found=(mistake,)))
+    if not solution.converged:
+        return solution
+    return replace(
+        solution, status=FitStatus.MISFIT, message="the observations have a mistake: correct what is named"
+    )
 
 
 def _is_mostly_hidden(problem: EstimationProblem, visible: NDArray[np.bool_]) -> bool:
@@ -120,12 +126,14 @@ def find_mistake(problem: EstimationProblem, x: Floats) -> Inconsistency | None:
 def mistakes(observations: Observations) -> Iterator[Mistake]:
     """Yield hypotheses on the observations of an arc."""
     links, count = observations.links, len(observations)
-    stations = sorted({name for link in links for name in (link.transmitter, link.receiver) if name})
+    present = {k: links[k] for k in np.unique(observations.link).tolist()}
+    stations = sorted({name for link in present.values() for name in link.stations})
     receivers = np.array([link.receiver for link in links])[observations.link]
     owners = [("all stations", np.ones(count, dtype=bool))]
     owners += [(name, receivers == name) for name in stations if len(stations) > 1]
     owners = [(name, rows) for name, rows in owners if rows.any()]
-    for text, ahead_s in (*_TAG_ERRORS_S.items(), *_ahead_of_utc_s(observations.epoch)):
+    tag_errors_s: dict[str, float | Floats] = {**_TAG_ERRORS_S, **dict(_ahead_of_utc_s(observations.epoch))}
+    for text, ahead_s in tag_errors_s.items():
         earlier = replace(observations, epoch=_earlier(observations.epoch, ahead_s))
         for owner, rows in owners:
             yield Mistake(f"the time tags of {owner} are {text}", rows, corrected=earlier)
@@ -134,13 +142,18 @@ def mistakes(observations: Observations) -> Iterator[Mistake]:
             values = f"the {KINDS[kind]} values of {owner}"
             for text, factor in _FACTORS.items():
                 yield Mistake(f"{values} {text}", rows & (observations.kind == kind), factor)
+    if np.isfinite(observations.count_s).any():
+        for text, factor in (("half of the right ones", 2.0), ("twice the right ones", 0.5)):
+            corrected = replace(observations, count_s=factor * observations.count_s)
+            rows = np.isfinite(observations.count_s)
+            yield Mistake(f"the count intervals are {text}", rows, corrected=corrected)
     for first, second in itertools.combinations(stations, 2):
         exchanged = {first: second, second: first}
         renamed = [_renamed(link, exchanged) for link in links]
         rows = np.array([a != b for a, b in zip(links, renamed, strict=True)])[observations.link]
         corrected = replace(observations, links=tuple(renamed))
         yield Mistake(f"the stations {first} and {second} are exchanged", rows, corrected=corrected)
-    for k, link in enumerate(links):
+    for k, link in present.items():
         if link.transmitter and link.transmitter != link.receiver:
             turned = replace(link, transmitter=link.receiver, receiver=link.transmitter)
             corrected = replace(observations, links=(*links[:k], turned, *links[k + 1 :]))
@@ -180,6 +193,11 @@ class _Predictions:
         squares = np.full(len(self.sigma_m), math.inf)
         if model is None or corrected_model is None:
             return squares
+        # Other time tags are predicted for all rows; other parameters, as of nights, have no common model.
+        corrected = None if mistake is None else mistake.corrected
+        is_mixed = corrected is not None and corrected.epoch is not self.arc.observations.epoch
+        if is_mixed and corrected_model.parameters.names != model.parameters.names:
+            return squares
         x = corrected_model.parameters.prior_values.copy()
         for k in (
             model.orbit_indices if mistake is None else ()
@@ -189,7 +207,7 @@ class _Predictions:
             try:
                 is_start = iteration == 0 and mistake is not None
                 linear = self._linear(corrected_model, x, is_start)
-                if mistake is not None and not mistake.rows.all() and mistake.corrected is not None:
+                if is_mixed and mistake is not None:
                     linear = linear.mixed(self._linear(model, x, is_start), mistake.rows)
             except (ConvergenceError, InputError):  # steps that led far from the Moon, or into it
                 return np.full(len(self.sigma_m), math.inf)
@@ -285,14 +303,13 @@ def _sample(problem: EstimationProblem) -> NDArray[np.intp]:
     )
 
 
-def _earlier(epoch: Epochs, ahead_s: float) -> Epochs:
+def _earlier(epoch: Epochs, ahead_s: float | Floats) -> Epochs:
     """Return UTC epochs of clocks that are ahead."""
     return Epochs(epoch.jd, epoch.fraction - ahead_s / SECONDS_PER_DAY, "UTC")
 
 
-def _ahead_of_utc_s(epoch: Epochs) -> Iterator[tuple[str, float]]:
-    """Yield the time by which TAI and TT are ahead of UTC at the first epoch, s, with words."""
-    for text, at in (("TAI, not UTC", utc_to_tai(epoch[:1])), ("TT or TDB, not UTC", utc_to_tt(epoch[:1]))):
-        days = (at.jd - epoch.jd[:1]) + (at.fraction - epoch.fraction[:1])
-        ahead_s = float(SECONDS_PER_DAY * days[0])
-        yield f"{text} ({ahead_s:.6g} s ahead)", ahead_s
+def _ahead_of_utc_s(epoch: Epochs) -> Iterator[tuple[str, Floats]]:
+    """Yield the time by which TAI and TT are ahead of UTC at epochs (n,), s, with words."""
+    for text, at in (("TAI, not UTC", utc_to_tai(epoch)), ("TT or TDB, not UTC", utc_to_tt(epoch))):
+        ahead_s = SECONDS_PER_DAY * ((at.jd - epoch.jd) + (at.fraction - epoch.fraction))
+        yield f"{text} ({ahead_s[0]:.6g} s ahead)", ahead_s

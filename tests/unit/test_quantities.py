@@ -13,9 +13,10 @@ from radioloc.ephemeris import Ephemeris, LunarOrientation
 from radioloc.errors import InputError
 from radioloc.io import TdmAgreement
 from radioloc.lunar import LunarPosition, rot_icrf_to_iau_moon
+from radioloc.lunar.visibility import hidden_by_moon
 from radioloc.measurements import EquipmentDelays, FixedPoint, StationDelay
 from radioloc.media import UniformTec
-from radioloc.simulation import Masks, Noise, Session, Truth, elevations, hidden_by_moon, two_way, windows
+from radioloc.simulation import Masks, Noise, Session, Truth, elevations, two_way, windows
 from radioloc.study import EstimateChoice, HeightPrior, ObservationChoice, PlaceOnMap
 from radioloc.time import (
     epochs_from_strings,

@@ -1,6 +1,6 @@
 """Motion of a spacecraft about the Moon: gravity, forces, propagation, partials."""
 
-from radioloc.dynamics.accelerations import acceleration_sizes, acceleration_terms
+from radioloc.dynamics.accelerations import acceleration_sizes
 from radioloc.dynamics.adjustable import AdjustableOrbit
 from radioloc.dynamics.elements import elements_from_state, state_from_elements
 from radioloc.dynamics.forces import BODIES, Acceleration, Forces, Impulse
@@ -18,7 +18,6 @@ __all__ = [
     "Impulse",
     "Orbit",
     "acceleration_sizes",
-    "acceleration_terms",
     "elements_from_state",
     "propagate",
     "state_from_elements",

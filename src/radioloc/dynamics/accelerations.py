@@ -43,36 +43,7 @@ def acceleration_terms(
     ephemeris: Ephemeris | None = None,
     libration: LunarOrientation | None = None,
 ) -> dict[str, Floats]:
-    """Return accelerations of a spacecraft relative to the Moon's centre by name, ICRF axes, m/s^2, shape (3,) each.
-
-    Parameters
-    ----------
-    epoch : Epochs or Time
-        Single epoch of any scale.
-    position_m, velocity_m_s : array_like, shape (3,)
-        State relative to the Moon's centre, ICRF axes.
-    forces : Forces
-        Forces; all empirical accelerations are active.
-    ephemeris : Ephemeris, optional
-        Positions of the bodies; DE421 by default.
-    libration : LunarOrientation, optional
-        Orientation of the Moon; that of the ephemeris by default.
-
-    Raises
-    ------
-    InputError, CoverageError
-        As :func:`propagate`.
-
-    Examples
-    --------
-    >>> from radioloc.dynamics import Forces, GravityField, acceleration_terms
-    >>> from radioloc.time import epochs_from_strings
-    >>> epoch = epochs_from_strings("2012-04-09T04:30:00", "TDB")
-    >>> forces = Forces(GravityField.open("GRGM660PRIM", degree=20))
-    >>> terms = acceleration_terms(epoch, [0.0, 0.0, 1.788e6], [1656.0, 0.0, 0.0], forces)
-    >>> {name: f"{(term**2).sum() ** 0.5:.1e}" for name, term in terms.items() if name in ("central", "earth")}
-    {'central': '1.5e+00', 'earth': '1.8e-05'}
-    """
+    """Return accelerations relative to the Moon's centre by name, ICRF axes, m/s^2, (3,) each; all empirical ones act."""
     ephemeris = ephemeris or Ephemeris.open()
     libration = libration or LunarOrientation.open(ephemeris.name)
     tdb = single_tdb_epoch("epoch", epoch)

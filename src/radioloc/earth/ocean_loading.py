@@ -26,8 +26,8 @@ from numpy.typing import NDArray
 
 from radioloc.earth.blq import BlqCoefficients
 from radioloc.earth.geodesy import rot_itrf_to_enu
-from radioloc.time import Epochs, evaluate_smooth
-from radioloc.time.smooth import table_of
+from radioloc.time import Epochs
+from radioloc.time.smooth import evaluate_smooth, table_of
 from radioloc.vectors import Floats
 
 # fmt: off

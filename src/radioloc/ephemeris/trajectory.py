@@ -17,8 +17,9 @@ from radioloc.constants import J2000_JD, SECONDS_PER_DAY
 from radioloc.ephemeris.orientation import LUNAR_AXES, LunarAxes
 from radioloc.ephemeris.positions import Ephemeris
 from radioloc.errors import CoverageError, InputError, KernelError
-from radioloc.kernels import KernelFile, find_kernel, sha256_of
+from radioloc.kernels import KernelFile, find_kernel
 from radioloc.kernels.daf import DafSegment, merge_spans, read_segments, span_dates, tdb_date
+from radioloc.kernels.files import sha256_of
 from radioloc.kernels.spk_types import StateSeries, read_states
 from radioloc.quantities import EpochsLike, accepts_quantities
 from radioloc.time import Epochs

@@ -20,7 +20,7 @@ from radioloc.imaging import ImagePointSigmas, LineScanModel, Sphere, Terrain, l
 from radioloc.imaging.solution import ErrorSource, PointSolution
 from radioloc.imaging.stereo import StereoPair, resect
 from radioloc.imaging.study import GroundChoice, ImagePointChoice, PointStudy, StereoChoice
-from radioloc.kernels import sha256_of
+from radioloc.kernels.files import sha256_of
 from radioloc.lunar import LunarPosition, TangentPlane, TerrainModel, east_north_up
 from radioloc.lunar.terrain import height_and_gradient
 from radioloc.results.cards import Field, metres

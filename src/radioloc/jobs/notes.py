@@ -18,7 +18,7 @@ from radioloc.ephemeris import EphemerisConstants
 from radioloc.errors import InputError
 from radioloc.estimation.consider import owner
 from radioloc.estimation.editing import EditedFit
-from radioloc.kernels import sha256_of
+from radioloc.kernels.files import sha256_of
 from radioloc.lunar import cartesian_to_selenographic, rot_pa_to_me
 from radioloc.measurements.chebyshev_predictor import ChebyshevPredictor
 from radioloc.measurements.light_path import PLANETS_MM

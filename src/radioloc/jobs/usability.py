@@ -16,7 +16,8 @@ from radioloc.measurements.predictor import Predictor, blocks, reasons
 from radioloc.measurements.target_motion import Motions
 from radioloc.media.status import Status
 from radioloc.targets.doubts import MIN_EARTH_ELEVATION_DEG
-from radioloc.time import Epochs, evaluate_smooth, tt_to_tdb, utc_to_tt
+from radioloc.time import Epochs, tt_to_tdb, utc_to_tt
+from radioloc.time.smooth import evaluate_smooth
 
 _EARTH_ELEVATION_MARGIN_DEG = 1.0  # change of the Earth's elevation between two of the epochs six hours apart
 

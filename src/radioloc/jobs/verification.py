@@ -15,7 +15,7 @@ from radioloc.errors import InputError, require_type
 from radioloc.jobs.arcs import arcs
 from radioloc.jobs.locate import fit_arc
 from radioloc.jobs.preparation import prepared_arc
-from radioloc.kernels import sha256_of
+from radioloc.kernels.files import sha256_of
 from radioloc.report.files import INCOMPLETE, json_text
 from radioloc.results.cards import Card, Field
 from radioloc.results.recorded import read_recorded

@@ -38,14 +38,7 @@ def sun_me_m(epochs: Epochs) -> Floats:
 def hidden_by_moon(
     point_m: ArrayLike, station_m: ArrayLike, radius_m: ArrayLike = MEAN_LUNAR_RADIUS_M
 ) -> NDArray[np.bool_]:
-    """Determine whether the Moon, a sphere, is between a point and a station; from its centre, in the same axes, m.
-
-    Examples
-    --------
-    >>> from radioloc.simulation import hidden_by_moon
-    >>> hidden_by_moon([[1.8e6, 0.0, 0.0], [-1.8e6, 0.0, 0.0]], [3.8e8, 0.0, 0.0]).tolist()
-    [False, True]
-    """
+    """Determine whether the Moon, a sphere, is between a point and a station; from its centre, in the same axes, m."""
     point = as_float_array(point_m, "m", "point_m")
     ray = as_float_array(station_m, "m", "station_m") - point
     ray_part = -np.sum(point * ray, axis=-1) / np.sum(ray * ray, axis=-1)

@@ -8,7 +8,7 @@ or targets they are estimated, considered or held at a value (:class:`ParameterC
 from radioloc.parameters.choice import ParameterChoice
 from radioloc.parameters.kind import ParameterKind, Scope
 from radioloc.parameters.parameter import Parameter, ParameterSet, Role
-from radioloc.parameters.registry import PARAMETERS, parameter_label
+from radioloc.parameters.registry import PARAMETERS
 from radioloc.parameters.rows import ObservationRows
 
 __all__ = [
@@ -20,5 +20,4 @@ __all__ = [
     "ParameterSet",
     "Role",
     "Scope",
-    "parameter_label",
 ]

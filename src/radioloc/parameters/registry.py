@@ -46,19 +46,7 @@ PARAMETERS: Mapping[str, ParameterKind] = Registry(
 
 
 def parameter_label(name: str) -> str:
-    """Return the name of a parameter in full, for cards and messages.
-
-    Parameters
-    ----------
-    name : str
-        Name as in :class:`ParameterSet`: kind, owner or session, component. Other names are returned as they are.
-
-    Examples
-    --------
-    >>> from radioloc.parameters import parameter_label
-    >>> parameter_label("moon_position.radial"), parameter_label("range_bias.KASHI")
-    ('radial position of the Moon', 'range bias of KASHI')
-    """
+    """Return the name of a parameter in full, for cards and messages; other names are returned as they are."""
     kind_name, _, owner = name.partition(".")
     kind = PARAMETERS.get(kind_name)
     if kind is None:

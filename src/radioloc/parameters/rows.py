@@ -17,7 +17,8 @@ from radioloc.measurements.predictor import Computed, Prediction, Predictor
 from radioloc.measurements.prepared_paths import is_radio
 from radioloc.measurements.registry import is_differenced, is_integrated, is_one_way
 from radioloc.measurements.target_motion import Motions, positions_pa_m
-from radioloc.time import Epochs, evaluate_smooth, utc_to_tai, utc_to_tt
+from radioloc.time import Epochs, utc_to_tai, utc_to_tt
+from radioloc.time.smooth import evaluate_smooth
 from radioloc.vectors import Floats, dot, length
 
 TRANSMIT, RECEIVE, BOUNCE = (TIME_TAGS.index(tag) for tag in ("transmit", "receive", "bounce"))

@@ -1,6 +1,5 @@
 """Simulated tracking: visibility, schedules, errors of the world relative to the model, and noise."""
 
-from radioloc.lunar.visibility import hidden_by_moon
 from radioloc.simulation.noise import Noise, NoiseModel
 from radioloc.simulation.schedule import (
     Plan,
@@ -33,7 +32,6 @@ __all__ = [
     "all_ranges",
     "baselines",
     "elevations",
-    "hidden_by_moon",
     "one_way",
     "simulate",
     "three_way",

@@ -17,7 +17,8 @@ from typing import Any
 import numpy as np
 
 from radioloc._version import __version__
-from radioloc.kernels import find_kernel, sha256_of
+from radioloc.kernels import find_kernel
+from radioloc.kernels.files import sha256_of
 from radioloc.study.study import ModelChoice, Study, TerrainPrior
 
 _MAX_LIST_NUMBERS = 100

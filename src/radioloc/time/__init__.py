@@ -17,12 +17,10 @@ from radioloc.time.scales import (
     utc_to_tai,
     utc_to_tt,
 )
-from radioloc.time.smooth import evaluate_smooth
 
 __all__ = [
     "Epochs",
     "epochs_from_strings",
-    "evaluate_smooth",
     "geocentric_tdb_minus_tt",
     "tai_to_tt",
     "tai_to_utc",

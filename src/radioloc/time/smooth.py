@@ -34,15 +34,6 @@ def evaluate_smooth(function: Callable[[Epochs], NDArray[Any]], epochs: Epochs) 
     nearest eight. Half way between nodes at distance h, the error of an oscillation of angular frequency w is
     (1 3 5 7)^2 / (2^8 8!) (w h)^8 of its amplitude: 6e-7 for a period of two days, 2e-9 for four, 2e-13 for thirteen
     (the main short term of nutation, 1e-6 rad).
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from radioloc.time import Epochs, evaluate_smooth
-    >>> tt = Epochs.from_jd(2459184.5, np.arange(1440) / 1440, "TT")
-    >>> monthly = evaluate_smooth(lambda at: np.sin(2.0 * np.pi * at.centuries_since_j2000() * 36525.0 / 27.3), tt)
-    >>> monthly.shape
-    (1440,)
     """
     if not len(epochs):
         return function(epochs)

@@ -8,7 +8,7 @@ from low_orbit import EPOCH, POSITION_M, STATE, VELOCITY_M_S, forces
 from moyer import post_newtonian
 
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
-from radioloc.dynamics import Acceleration, GravityField, Impulse, acceleration_sizes, acceleration_terms
+from radioloc.dynamics import Acceleration, GravityField, Impulse, acceleration_sizes
 from radioloc.dynamics._force_kernels import (
     AU_M,
     EARTH_J2,
@@ -17,6 +17,7 @@ from radioloc.dynamics._force_kernels import (
     SUNLIGHT_N_M2,
     sunlit,
 )
+from radioloc.dynamics.accelerations import acceleration_terms
 from radioloc.ephemeris import Ephemeris, LunarOrientation
 from radioloc.errors import InputError
 from radioloc.lunar import rot_icrf_to_pa

@@ -7,9 +7,9 @@ import pytest
 from spk_files import with_other_byte_order
 
 from radioloc.errors import KernelError
-from radioloc.kernels import find_kernel, registered, sha256_of
+from radioloc.kernels import find_kernel, registered
 from radioloc.kernels.daf import tdb_date
-from radioloc.kernels.files import open_kernel
+from radioloc.kernels.files import open_kernel, sha256_of
 
 SPK_PATH = find_kernel("DE421", "SPK")
 PCK_PATH = find_kernel("DE421", "PCK")

@@ -7,7 +7,8 @@ from paths import ROOT
 
 import radioloc.kernels.files as registry
 from radioloc.errors import KernelError
-from radioloc.kernels import find_kernel, registered, sha256_of
+from radioloc.kernels import find_kernel, registered
+from radioloc.kernels.files import sha256_of
 
 PROJECT = ROOT
 

@@ -7,10 +7,11 @@ import pytest
 import radioloc
 from radioloc.errors import InputError
 from radioloc.estimation import Parameter, ParameterSet
-from radioloc.parameters import ObservationRows, Scope, parameter_label
+from radioloc.parameters import ObservationRows, Scope
 from radioloc.parameters.biases import RANGE_BIAS
 from radioloc.parameters.columns import Columns, members
 from radioloc.parameters.parameter import Role
+from radioloc.parameters.registry import parameter_label
 
 
 def test_changed_copies():

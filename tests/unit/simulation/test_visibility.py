@@ -5,7 +5,8 @@ import pytest
 
 from radioloc.errors import InputError, StationError
 from radioloc.lunar.position import LunarPosition
-from radioloc.simulation import Masks, Schedule, Session, elevations, hidden_by_moon, two_way, windows
+from radioloc.lunar.visibility import hidden_by_moon
+from radioloc.simulation import Masks, Schedule, Session, elevations, two_way, windows
 from radioloc.time import Epochs, epochs_from_strings, utc_strings, utc_to_tt
 
 # From the model, which also has tides and the aberration of a moving station; 2 arcsec more at transmission.

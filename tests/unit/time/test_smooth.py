@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from radioloc.time import Epochs, evaluate_smooth
+from radioloc.time import Epochs
+from radioloc.time.smooth import evaluate_smooth
 
 DAY = 2459184.5
 

@@ -43,7 +43,7 @@ def acceleration_terms(
     ephemeris: Ephemeris | None = None,
     libration: LunarOrientation | None = None,
 ) -> dict[str, Floats]:
-    """Return accelerations relative to the Moon's centre by name, ICRF axes, m/s^2, (3,) each; all empirical ones act."""
+    """Return accelerations relative to the Moon's centre by name, ICRF axes, m/s^2, (3,); all empirical ones act."""
     ephemeris = ephemeris or Ephemeris.open()
     libration = libration or LunarOrientation.open(ephemeris.name)
     tdb = single_tdb_epoch("epoch", epoch)

@@ -4,9 +4,9 @@
 
 Night means of the residuals scatter more than ranges within a night. The candidates are an error common to all
 reflectors of a night (distance of the Moon, station, air) and an error of the libration, which differs between
-reflectors. Each model is a Gaussian prior for the errors of a night. Its sigma is that of the largest predictive
-likelihood of left-out data, in two tests: all ranges of one reflector in a night, predicted from the other reflectors of
-that night; and all ranges of a night, predicted from the other nights with terms of monthly and annual periods.
+reflectors. Each model is a Gaussian prior for the errors of a night, with the sigma of the largest predictive
+likelihood. Two tests leave data out: all ranges of one reflector in a night, predicted from the others of that
+night; and all ranges of a night, predicted from the other nights with terms of monthly and annual periods.
 """
 
 from __future__ import annotations
@@ -89,28 +89,27 @@ def main():
             f"{ephemeris}: {len(days)} ranges, {nights.max() + 1} nights, {len(several)} with several reflectors"
         )
         print("  a reflector of a night from the other reflectors of it; means, one way")
-        for name, make in {
-            "no errors of nights": lambda s: [],
-            "common range": lambda s: [(common, s)],
-            "libration": lambda s: [(turned, s)],
-            "both": lambda s: [(common, s), (turned, s)],
+        for name, varied in {
+            "no errors of nights": [],
+            "common range": [common],
+            "libration": [turned],
+            "both": [common, turned],
         }.items():
-            report(name, residuals_m, sigma_m, base, make, pairs)
+            report(name, residuals_m, sigma_m, base, varied, pairs)
         print("  a night from other nights")
-        whole = [np.flatnonzero(nights == n) for n in np.unique(nights)]
-        random = [(common, 0.02), (turned, 0.02)]
-        for name, make in {
-            "no periodic terms": lambda s: random,
-            "periodic terms": lambda s: [*random, (periodic, s)],
-        }.items():
-            report(name, residuals_m, sigma_m, base, make, whole)
+        groups = [np.flatnonzero(nights == n) for n in np.unique(nights)]
+        random = [*base, (common, 0.02), (turned, 0.02)]
+        for name, varied in {"no periodic terms": [], "periodic terms": [periodic]}.items():
+            report(name, residuals_m, sigma_m, random, varied, groups)
 
 
-def report(name, residuals_m, sigma_m, base, make, groups):
+def report(name, residuals_m, sigma_m, fixed, varied, groups):
     """Print the error of prediction for the sigma of the largest likelihood."""
     results = []
     for size_m in SIGMAS_M:
-        errors_m, likelihood = predict(residuals_m, covariance_of(sigma_m, [*base, *make(size_m)]), groups)
+        columns = [*fixed, *((column, size_m) for column in varied)]
+        covariance_m2 = covariance_of(sigma_m, columns)
+        errors_m, likelihood = predict(residuals_m, covariance_m2, groups)
         results.append((likelihood, size_m, 500.0 * 1.4826 * np.median(np.abs(errors_m))))
     likelihood, size_m, error_mm = max(results)
     print(

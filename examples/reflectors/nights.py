@@ -24,6 +24,8 @@ PRIOR_M = 100.0  # of coordinates, rad for angles below
 RADIUS_M = 1737400.0
 # Periods, d: anomalistic, draconic and synodic month, evection, half month, year.
 PERIODS_DAY = (27.55455, 27.21222, 29.53059, 31.81194, 14.76529, 365.25964)
+# Arguments l', 2l - 2D and 2F - 2l of the libration in longitude.
+LIBRATION_PERIODS_DAY = (365.25964, 205.89, 1095.18)
 SIGMAS_M = (0.005, 0.01, 0.02, 0.03, 0.05, 0.08)
 
 
@@ -99,7 +101,14 @@ def main():
         print("  a night from other nights")
         groups = [np.flatnonzero(nights == n) for n in np.unique(nights)]
         random = [*base, (common, 0.02), (turned, 0.02)]
-        for name, varied in {"no periodic terms": [], "periodic terms": [periodic]}.items():
+        about_z = np.cross(places_m, partials)[:, 2:] / RADIUS_M
+        phases = 2.0 * np.pi * days[:, None] / np.array(LIBRATION_PERIODS_DAY)
+        librations = about_z * np.hstack([np.cos(phases), np.sin(phases)])
+        for name, varied in {
+            "no periodic terms": [],
+            "periodic ranges": [periodic],
+            "longitude librations": [librations],
+        }.items():
             report(name, residuals_m, sigma_m, random, varied, groups)
 
 
@@ -110,10 +119,17 @@ def report(name, residuals_m, sigma_m, fixed, varied, groups):
         columns = [*fixed, *((column, size_m) for column in varied)]
         covariance_m2 = covariance_of(sigma_m, columns)
         errors_m, likelihood = predict(residuals_m, covariance_m2, groups)
-        results.append((likelihood, size_m, 500.0 * 1.4826 * np.median(np.abs(errors_m))))
-    likelihood, size_m, error_mm = max(results)
+        results.append(
+            (
+                likelihood,
+                size_m,
+                500.0 * 1.4826 * np.median(np.abs(errors_m)),
+                500.0 * np.sqrt(np.mean(errors_m**2)),
+            )
+        )
+    likelihood, size_m, error_mm, rms_mm = max(results)
     print(
-        f"    {name:22} sigma {1e3 * size_m:3.0f} mm  error {error_mm:5.1f} mm  log likelihood {likelihood:8.1f}"
+        f"    {name:22} sigma {1e3 * size_m:3.0f} mm  error {error_mm:5.1f} mm, rms {rms_mm:5.1f} mm  log likelihood {likelihood:8.1f}"
     )
 
 

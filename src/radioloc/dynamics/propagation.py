@@ -70,11 +70,6 @@ def propagate(
     touchdown : Epochs or Time, optional
         Epoch of the landing, not before `epoch`; the spacecraft then rests on the Moon at its position.
 
-    Returns
-    -------
-    Orbit
-        Orbit from the first to the last time.
-
     Raises
     ------
     InputError

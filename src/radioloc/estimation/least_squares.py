@@ -152,35 +152,10 @@ def fit_least_squares(
     linearization: Linearization | None = None,
     whitening: Whitener | None = None,
 ) -> FitResult:
-    """Fit parameters to the used observations by damped Gauss-Newton iterations.
+    """Fit parameters to the used observations, by default all, by damped Gauss-Newton iterations.
 
-    Parameters
-    ----------
-    residual_function : callable
-        From parameters (p,) to a :class:`~radioloc.estimation.linearization.Linearization`, or to a pair of residuals
-        observed - computed (n,), m, and partials d(computed)/dx (n, p).
-    parameters : ParameterSet
-        Parameters with their a-priori values.
-    sigma_m : array_like, shape (n,) or (), or ObservationCovariance
-        Stated standard deviations of the observations, m, or their covariance.
-    used : array_like of bool, shape (n,), optional
-        Observations to use, by default all.
-    start : array_like, shape (p,), optional
-        Start of the iterations, by default the a-priori values.
-    linearization : Linearization, optional
-        Linearization at the start, if it is available.
-    whitening : Whitener, optional
-        Whitener of the used observations by other weights than those of the stated noise.
-
-    Returns
-    -------
-    FitResult
-        Its status says whether the iterations converged and every parameter is determined.
-
-    Raises
-    ------
-    InputError
-        Shapes do not match, or a residual or partial at the start is not finite.
+    The residual function maps parameters (p,) to a :class:`~radioloc.estimation.linearization.Linearization`, or to a
+    pair of residuals (n,), m, and partials (n, p). `whitening` replaces the weights of the stated noise.
     """
     x = parameters.prior_values if start is None else np.array(start, dtype=np.float64)
     if x.shape != (len(parameters),):

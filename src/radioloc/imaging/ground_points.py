@@ -108,11 +108,6 @@ def locate_image_point(
         The ground.
     sigmas : ImagePointSigmas
 
-    Returns
-    -------
-    ImagePoint
-        Position, errors of one sigma by source, and size of the pixel on the ground.
-
     Raises
     ------
     InputError

@@ -115,11 +115,6 @@ def export_solutions(
     options : ExportOptions, optional
         Options of single formats.
 
-    Returns
-    -------
-    list of Path
-        Files that were written.
-
     Raises
     ------
     InputError

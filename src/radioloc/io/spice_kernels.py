@@ -5,8 +5,10 @@ Source: NAIF's *SPK Required Reading*.
 
 from __future__ import annotations
 
+import os
 import re
 import shutil
+import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
@@ -19,10 +21,9 @@ from radioloc.constants import J2000_JD, SECONDS_PER_DAY
 from radioloc.dynamics import Orbit
 from radioloc.ephemeris.constants import CONSTANTS
 from radioloc.errors import InputError
-from radioloc.kernels.spice_calls import short_folder, spice_message, spice_path
 from radioloc.quantities import accepts_quantities
 from radioloc.results.tables import SolutionLike, content_of, position_of
-from radioloc.text_files import replaced_file, require_ending, to_ascii
+from radioloc.text_files import replaced_file, require_ending, scratch_folder, to_ascii
 from radioloc.vectors import Floats
 
 FIRST_SITE = 301001
@@ -249,3 +250,36 @@ def orbit_parts(orbit: Orbit | Sequence[Orbit], step_s: float) -> Iterator[tuple
 def states_km(orbit: Orbit, times_s: Floats) -> Floats:
     """Return states at times from the orbit's epoch, km and km/s, shape (n, 6)."""
     return np.hstack(orbit.states(orbit.epoch.shifted(times_s))) / M_PER_KM
+
+
+MAX_PATH_BYTES = 255  # of a file name in SPICE
+
+
+@contextmanager
+def short_folder() -> Iterator[Path]:
+    """Make a folder for temporary files whose paths SPICE can open."""
+    with scratch_folder() as folder:
+        if len(os.fsencode(folder)) > MAX_PATH_BYTES // 2:
+            raise InputError(
+                f"the folder for temporary files, {tempfile.gettempdir()}: expected a path of at most "
+                f"{MAX_PATH_BYTES // 2} bytes, as SPICE opens no longer ones; set TMPDIR to another"
+            )
+        yield folder
+
+
+@contextmanager
+def spice_path(path: Path) -> Iterator[str]:
+    """Give the name under which SPICE opens a file: its path, or a short link to it where that is too long."""
+    if len(os.fsencode(path)) <= MAX_PATH_BYTES:
+        yield str(path)
+        return
+    with short_folder() as folder:
+        link = folder / f"kernel{path.suffix[:10]}"
+        link.symlink_to(path.absolute())
+        yield str(link)
+
+
+def spice_message(error: Exception) -> str:
+    """Return the message of a SPICE error in one line."""
+    text = getattr(error, "long", "") or getattr(error, "short", "") or str(error)
+    return " ".join(text.split())

@@ -29,7 +29,7 @@ from radioloc.jobs.problem import (
     require_position_or_orbit,
 )
 from radioloc.jobs.selection import arc_lengths
-from radioloc.jobs.simulated_targets import antenna_targets, planned_orbits, with_true_positions
+from radioloc.jobs.simulate import antenna_targets, planned_orbits, with_true_positions
 from radioloc.jobs.usability import usability
 from radioloc.labels import USED
 from radioloc.measurements.link import Link

@@ -87,10 +87,6 @@ def monte_carlo(
     progress : bool
         Show a bar, on a terminal or in a notebook.
 
-    Returns
-    -------
-    MonteCarlo
-
     Raises
     ------
     InputError

@@ -17,7 +17,6 @@ from radioloc.io.formats import read_observations
 from radioloc.jobs.one_thread import on_one_blas_thread
 from radioloc.jobs.selection import select_observations, selected, with_target_names
 from radioloc.jobs.study_targets import apriori_points, described_target, position_in_pa
-from radioloc.measurements.ambiguity import without_ambiguity
 from radioloc.measurements.evaluation import prepare_predictor
 from radioloc.measurements.exact_predictor import ExactPredictor
 from radioloc.measurements.link import canonical_target
@@ -38,6 +37,7 @@ from radioloc.study.study import ModelChoice, Study
 from radioloc.study.study_file import as_study
 from radioloc.study.uplinks import with_uplinks
 from radioloc.study.weights import require_stations, weighted_observations
+from radioloc.vectors import Floats
 
 logger = logging.getLogger(__name__)
 
@@ -271,3 +271,27 @@ def _spacecraft(
         observations = observations.select(np.array(of_target, dtype=bool)[observations.link])
     orbit = orbiter.orbit(model, observations, study.estimate.orbit.parameters(orbiter.forces))
     return OrbitMotion(orbit.reaching_below_ground() if orbiter.landing is None else orbit)
+
+
+MAX_DISTANCE_FRACTION = 0.25  # largest distance from the nearest multiple, as a fraction of the modulus
+MAX_OUTLIER_FRACTION = 0.1  # of ranges beyond that distance: gross errors, which editing rejects
+
+
+def without_ambiguity(observations: Observations, expected_m: Floats) -> Observations:
+    """Return the observations with ambiguities resolved by the expected values, m (NaN for other observations)."""
+    # The multiple of the modulus nearest to the prediction is correct if the error is below half of the modulus. The
+    # limit is a quarter, so that the next multiple is at least three times as far.
+    turns = np.rint((expected_m - observations.value_m) / observations.modulus_m)
+    value_m = observations.value_m + np.nan_to_num(turns) * np.nan_to_num(observations.modulus_m)
+    part = abs(value_m - expected_m) / observations.modulus_m
+    is_ambiguous = np.isfinite(part)
+    is_distant = is_ambiguous & (part > MAX_DISTANCE_FRACTION)
+    if is_distant.sum() > MAX_OUTLIER_FRACTION * is_ambiguous.sum():
+        row = int(np.argmax(is_distant))
+        raise InputError(
+            f"{observations.origin(row)}: the ambiguity of {observations.modulus_m[row]:.6g} m cannot be resolved: the "
+            f"nearest range differs by {abs(value_m - expected_m)[row]:.6g} m from the prediction, "
+            f"{is_distant.sum()} of {is_ambiguous.sum()} ranges by more than a quarter of the modulus; improve the "
+            "a-priori position or trajectory, or exclude these ranges"
+        )
+    return replace(observations, value_m=value_m, modulus_m=np.full(len(observations), np.nan))

@@ -36,8 +36,7 @@ from radioloc.jobs.problem import (
     considered_errors,
     require_position_or_orbit,
 )
-from radioloc.jobs.simulate import scenario_of
-from radioloc.jobs.simulated_targets import names_in_scenario, planned_orbits
+from radioloc.jobs.simulate import names_in_scenario, planned_orbits, scenario_of
 from radioloc.jobs.study_targets import position_in_pa
 from radioloc.jobs.usability import usability
 from radioloc.labels import USED, Labels

@@ -1,18 +1,27 @@
-"""Simulated observations of a study, with one realization of the noise."""
+"""Simulated observations of a study, and its targets at the positions and on the orbits of its simulation."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
+from radioloc.dynamics import AdjustableOrbit
 from radioloc.errors import InputError
 from radioloc.jobs.one_thread import on_one_blas_thread
 from radioloc.jobs.preparation import model_of
 from radioloc.jobs.problem import considered_errors
+from radioloc.jobs.study_targets import described_target
+from radioloc.lunar.position import LunarPosition
+from radioloc.measurements.link import canonical_target
+from radioloc.measurements.physical_model import PhysicalModel
+from radioloc.measurements.target_motion import TrajectoryMotion, as_motion
 from radioloc.simulation import Scenario, Simulated, TruthSigma
+from radioloc.simulation.visibility import Target, direction_of
 from radioloc.study.study import Study
 from radioloc.study.study_file import as_study
+from radioloc.targets.registry import TargetDescription
 
 
 @on_one_blas_thread()
@@ -62,3 +71,50 @@ def scenario_of(study: Study) -> Scenario:
             "(docs/reference/simulation.md), or in Python Study(simulation=Scenario(...))"
         )
     return study.simulation
+
+
+def names_in_scenario(study: Study, scenario: Scenario) -> dict[str, str]:
+    """Return the names of the study's targets in the observations of a scenario."""
+    if len(scenario.targets) == 1:
+        return dict(zip(study.all_targets, scenario.targets, strict=True))
+    names = {canonical_target(name): name for name in scenario.targets}
+    return {name: names[name] for name in study.all_targets}
+
+
+def with_true_positions(study: Study, scenario: Scenario) -> Study:
+    """Return the study with its targets at their true positions and states; forces are those of the fit."""
+    targets = dict(study.all_targets)
+    for name, simulated in names_in_scenario(study, scenario).items():
+        record, orbiter = scenario.targets[simulated], study.orbiters.get(name)
+        if isinstance(record, LunarPosition | TargetDescription):
+            targets[name] = record
+        elif orbiter is not None:
+            targets[name] = orbiter.with_state(record.state)  # type: ignore[union-attr]
+    places = {"target": None, "targets": targets} if study.targets else {"target": targets[""]}
+    return replace(study, reference=None, references=(), **places)
+
+
+def planned_orbits(study: Study, scenario: Scenario, model: PhysicalModel) -> dict[str, AdjustableOrbit]:
+    """Return the orbits of a study's targets over the sessions of a scenario, with partials by all parameters."""
+    choice = study.estimate.orbit
+    return {
+        name: scenario.orbit(model, orbiter, choice.parameters(orbiter.forces))
+        for name, orbiter in study.orbiters.items()
+        if choice is not None
+    }
+
+
+def antenna_targets(
+    study: Study, scenario: Scenario, model: PhysicalModel, orbits: Mapping[str, AdjustableOrbit]
+) -> dict[str, Target]:
+    """Return the points that antennas track, by the names of targets in the observations."""
+    targets = dict[str, Target]()
+    for name, simulated in names_in_scenario(study, scenario).items():
+        if name in study.described:
+            motion = described_target(study, name, model).start
+        elif name in orbits:
+            motion = TrajectoryMotion(orbits[name].nearest())
+        else:
+            motion = as_motion(study.all_targets[name], model)  # type: ignore[arg-type]
+        targets[simulated] = direction_of(motion)
+    return targets

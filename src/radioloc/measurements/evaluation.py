@@ -50,11 +50,6 @@ def prepare_predictor(
         Whether to compute partials by station positions and electron contents
         (:class:`~radioloc.measurements.predictor.Computed`).
 
-    Returns
-    -------
-    Predictor
-        Prepared arc.
-
     Raises
     ------
     InputError

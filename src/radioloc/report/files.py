@@ -67,11 +67,6 @@ def write_report(
     dem : TerrainModel, optional
         Terrain for ``map.png`` and the page, used if its cells are no larger than three sigmas of the position.
 
-    Returns
-    -------
-    list of Path
-        The files, in the order in which they were written.
-
     Raises
     ------
     InputError

@@ -3,7 +3,7 @@
 import math
 
 from radioloc.estimation.reliability import Reliability
-from radioloc.results.reliability_card import reliability_lines
+from radioloc.results.fit_card import reliability_lines
 
 
 def item(name, minimal, unit="m", *, shift_m=1.0, per_unit_m=1.0, kind="parameter", components=("",)):

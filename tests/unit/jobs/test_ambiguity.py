@@ -6,8 +6,8 @@ import pytest
 from radioloc.errors import InputError
 from radioloc.io import write_table
 from radioloc.jobs import preparation
+from radioloc.jobs.preparation import without_ambiguity
 from radioloc.measurements import Link, Observations
-from radioloc.measurements.ambiguity import without_ambiguity
 from radioloc.study.study_file import read_study
 from radioloc.time import epochs_from_strings
 

@@ -128,9 +128,8 @@ def report(name, residuals_m, sigma_m, fixed, varied, groups):
             )
         )
     likelihood, size_m, error_mm, rms_mm = max(results)
-    print(
-        f"    {name:22} sigma {1e3 * size_m:3.0f} mm  error {error_mm:5.1f} mm, rms {rms_mm:5.1f} mm  log likelihood {likelihood:8.1f}"
-    )
+    text = f"sigma {1e3 * size_m:3.0f} mm  error {error_mm:5.1f} mm, rms {rms_mm:5.1f} mm"
+    print(f"    {name:22} {text}  log likelihood {likelihood:8.1f}")
 
 
 if __name__ == "__main__":

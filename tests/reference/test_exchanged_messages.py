@@ -9,7 +9,8 @@ from low_orbit import EPOCH, at, forces, propagated
 from paths import EXAMPLES
 
 import radioloc
-from radioloc.io import write_orbit_oem, write_tdm
+from radioloc.io import write_tdm
+from radioloc.io.ccsds import write_orbit_oem
 from radioloc.io.tdm import TdmAgreement, read_tdm
 from radioloc.time import epochs_from_strings
 

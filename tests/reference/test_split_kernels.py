@@ -8,8 +8,7 @@ from spk_files import with_other_byte_order
 
 from radioloc.ephemeris import Ephemeris, LunarOrientation, Trajectory
 from radioloc.errors import CoverageError, KernelError
-from radioloc.kernels import add_kernel
-from radioloc.kernels.files import open_kernel
+from radioloc.kernels.files import add_kernel, open_kernel
 from radioloc.time import Epochs
 
 DAY_S = 86400.0

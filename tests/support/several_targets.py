@@ -10,7 +10,7 @@ import radioloc
 from radioloc import LunarPosition, Observations, Study
 from radioloc.dynamics import Forces, GravityField
 from radioloc.ephemeris import Trajectory
-from radioloc.io import write_orbit_spk
+from radioloc.io.spice_kernels import write_orbit_spk
 from radioloc.measurements import ExactPredictor, Link, PhysicalModel
 from radioloc.measurements.observations import DOPPLER, RANGE
 from radioloc.study import EstimateChoice, ObservationChoice

@@ -40,7 +40,9 @@ def locate(options: argparse.Namespace) -> int:
     """Fit a position, or an orbit, to tracking data and print a result card."""
     solution = _solution(options, fitted=True)
     if options.sinex is not None:  # after the card, which says why a solution has none
-        radioloc.io.write_sinex(options.sinex, solution)
+        from radioloc.io.sinex import write_sinex
+
+        write_sinex(options.sinex, solution)
     return exit_status(options, solution)
 
 
@@ -74,8 +76,10 @@ def _solution(options: argparse.Namespace, *, fitted: bool) -> radioloc.Solution
         terms = arc if options.terms else None
         radioloc.write_report(options.out, solution, terms, html=options.report, dem=dem)
     if options.residuals_tdm is not None:
+        from radioloc.io.ccsds import write_residuals_tdm
+
         agency = options.originator
-        radioloc.io.write_residuals_tdm(options.residuals_tdm, solution, arc.observations, originator=agency)
+        write_residuals_tdm(options.residuals_tdm, solution, arc.observations, originator=agency)
     tell(options, solution, solution.to_dict)
     return solution
 

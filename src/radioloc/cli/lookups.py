@@ -140,7 +140,8 @@ def _station_text(station: Station, details: bool) -> str:
 )
 def kernels(options: argparse.Namespace) -> int:
     """List the available kernels, verify their checksums, or add one."""
-    from radioloc.kernels import add_kernel, added, registered
+    from radioloc.kernels import registered
+    from radioloc.kernels.files import add_kernel, added
 
     if (options.action == "add") != bool(options.files):
         options.parser.error("kernels add needs files, and only add takes them")

@@ -1,12 +1,10 @@
 """Observations in and out (tables, normal points, messages, orbit data files, frequencies); solutions out."""
 
-from radioloc.io.ccsds import write_orbit_oem, write_orbit_opm, write_residuals_tdm
 from radioloc.io.exporters import EXPORTERS, Exporter, ExportOptions, export_solutions
 from radioloc.io.formats import READERS, Reader, ReadSettings, read_observations, write_observations
 from radioloc.io.frequencies import FrequencyAgreement, read_sites
 from radioloc.io.gis import write_gis
-from radioloc.io.sinex import write_sinex
-from radioloc.io.spice_kernels import write_orbit_spk, write_spice
+from radioloc.io.spice_kernels import write_spice
 from radioloc.io.table import read_table, write_table
 from radioloc.io.tdm import TdmAgreement, read_tdm, write_tdm
 
@@ -26,11 +24,6 @@ __all__ = [
     "read_tdm",
     "write_gis",
     "write_observations",
-    "write_orbit_oem",
-    "write_orbit_opm",
-    "write_orbit_spk",
-    "write_residuals_tdm",
-    "write_sinex",
     "write_spice",
     "write_table",
     "write_tdm",

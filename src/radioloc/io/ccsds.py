@@ -74,36 +74,10 @@ def write_orbit_oem(
     step_s: float = 15.0,
     covariance: ArrayLike | None = None,
 ) -> Path:
-    """Write an orbit as an Orbit Ephemeris Message, in KVN: Moon-centred, axes of the ICRF, TDB.
+    """Write an orbit, or several that follow each other, as an OEM in KVN: Moon-centred, axes of the ICRF, TDB.
 
-    Parameters
-    ----------
-    path : path-like
-        File to write; an existing one is replaced.
-    orbit : Orbit or sequence of Orbit
-        One orbit, or several that follow each other. A segment ends where an impulse or thrust begins or ends.
-    originator : str
-        Agency that makes the message.
-    step_s : float
-        Interval between states, s, 600 at most.
-    covariance : array_like, shape (6, 6), optional
-        Covariance of the state at the epoch of the first orbit, ICRF axes, m and m/s.
-
-    Raises
-    ------
-    InputError
-        The step is out of range, the covariance has another shape, or a text is not printable ASCII.
-
-    Examples
-    --------
-    >>> from radioloc.dynamics import Forces, GravityField, propagate
-    >>> from radioloc.io import write_orbit_oem
-    >>> from radioloc.time import epochs_from_strings
-    >>> epoch = epochs_from_strings("2012-04-09T04:30:00", "TDB")
-    >>> forces = Forces(GravityField.open("GRGM660PRIM", degree=20))
-    >>> orbit = propagate(epoch, [575750.0, -463261.0, -1631634.0], [-567.855, 1434.222, -600.22], forces, (0, 600))
-    >>> write_orbit_oem("orbit.oem", orbit, originator="AGENCY").name
-    'orbit.oem'
+    A segment ends where an impulse or thrust begins or ends. The covariance, m and m/s, is that of the state at the
+    epoch of the first orbit, shape (6, 6).
     """
     lines = []
     for part, times_s in orbit_parts(orbit, step_s):
@@ -124,21 +98,7 @@ def write_orbit_opm(
     originator: str,
     covariance: ArrayLike | None = None,
 ) -> Path:
-    """Write an orbit's state at its epoch and its impulses as an Orbit Parameter Message, in KVN.
-
-    Parameters and errors are those of :func:`write_orbit_oem`.
-
-    Examples
-    --------
-    >>> from radioloc.dynamics import Forces, GravityField, propagate
-    >>> from radioloc.io import write_orbit_opm
-    >>> from radioloc.time import epochs_from_strings
-    >>> epoch = epochs_from_strings("2012-04-09T04:30:00", "TDB")
-    >>> forces = Forces(GravityField.open("GRGM660PRIM", degree=20))
-    >>> orbit = propagate(epoch, [575750.0, -463261.0, -1631634.0], [-567.855, 1434.222, -600.22], forces, (0, 600))
-    >>> write_orbit_opm("orbit.opm", orbit, originator="AGENCY").name
-    'orbit.opm'
-    """
+    """Write an orbit's state at its epoch with its covariance, and its impulses, as an OPM in KVN."""
     (state,) = states_km(orbit, np.zeros(1))
     fields = _metadata(orbit.name, "TDB") | {"EPOCH": str(utc_strings(orbit.epoch, 9)[0])}
     names = ["X", "Y", "Z", "X_DOT", "Y_DOT", "Z_DOT"]
@@ -168,37 +128,11 @@ def write_residuals_tdm(
     *,
     originator: str,
 ) -> Path:
-    """Write residuals as a Tracking Data Message in KVN.
+    """Write residuals, row by row of the observations, as a Tracking Data Message in KVN.
 
     The standard (CCSDS 503.0-B-2) lacks keywords for residuals. They have the keywords and units of the observations,
     and comments in the header and in each segment state that they are residuals. Segments of used observations have
     DATA_QUALITY = VALIDATED, those of rejected ones DEGRADED. Weather is left out.
-
-    Parameters
-    ----------
-    path : path-like
-        File to write; an existing one is replaced.
-    solution : Solution
-        Solution with the residuals.
-    observations : Observations
-        Observations of the solution, row by row: those of the predictor of :func:`~radioloc.jobs.preparation.arc_of`.
-    originator : str
-        Agency that makes the message.
-
-    Raises
-    ------
-    InputError
-        The solution is of other observations, or a message cannot hold them (:func:`radioloc.io.tdm.write_tdm`).
-
-    Examples
-    --------
-    >>> import radioloc
-    >>> study = radioloc.read_study("examples/change5/short_arc.toml")
-    >>> predictor = radioloc.jobs.arc_of(study)
-    >>> solution = radioloc.compute_residuals(study)
-    >>> file = radioloc.io.write_residuals_tdm("oc.tdm", solution, predictor.observations, originator="AGENCY")
-    >>> file.name
-    'oc.tdm'
     """
     rows = solution.residuals
     if not (

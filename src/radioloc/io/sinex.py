@@ -55,22 +55,7 @@ class _Parameter:
 
 
 def write_sinex(path: str | Path, solution: Solution) -> Path:
-    """Write a solution as SINEX: positions in principal axes, other parameters, total covariance.
-
-    Raises
-    ------
-    InputError
-        The position is held, or the target moves along a trajectory.
-    ConvergenceError
-        The solution has not converged, or the position is not determined.
-
-    Examples
-    --------
-    >>> import radioloc
-    >>> solution = radioloc.locate(radioloc.read_study("examples/apollo15/apollo15.toml"))
-    >>> radioloc.io.write_sinex("apollo15.snx", solution).name
-    'apollo15.snx'
-    """
+    """Write a converged solution as SINEX: positions in principal axes, other parameters, total covariance."""
     if solution.trajectory is not None or not solution.position_estimated:
         raise InputError(
             f"{solution.name}: expected a solution with an estimated position, which SINEX needs"

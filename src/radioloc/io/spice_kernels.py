@@ -163,36 +163,10 @@ def _fixed(
 def write_orbit_spk(
     path: str | Path, orbit: Orbit | Sequence[Orbit], body: int, *, step_s: float = 15.0
 ) -> Path:
-    """Write an orbit as an SPK of type 13, Hermite polynomials of degree 11 through states at equal steps.
+    """Write an orbit, or several that follow each other, as an SPK of type 13, with a negative NAIF code `body`.
 
-    Parameters
-    ----------
-    path : path-like
-        File to write, ``.bsp``; an existing one is replaced.
-    orbit : Orbit or sequence of Orbit
-        One orbit, or several that follow each other, each with its own segments.
-    body : int
-        NAIF code of the spacecraft, negative, such as -177.
-    step_s : float
-        Interval between states, s, 600 at most. At 15 s the error is a micrometre in a low orbit with a field to
-        degree 150.
-
-    Raises
-    ------
-    InputError
-        The code is not that of a spacecraft, or the step is out of range.
-
-    Examples
-    --------
-    >>> from radioloc.dynamics import Forces, GravityField, propagate
-    >>> from radioloc.ephemeris import Trajectory
-    >>> from radioloc.io import write_orbit_spk
-    >>> from radioloc.time import epochs_from_strings
-    >>> epoch = epochs_from_strings("2012-04-09T04:30:00", "TDB")
-    >>> forces = Forces(GravityField.open("GRGM660PRIM", degree=20))
-    >>> orbit = propagate(epoch, [575750.0, -463261.0, -1631634.0], [-567.855, 1434.222, -600.22], forces, (0, 600))
-    >>> print(Trajectory.open(write_orbit_spk("orbit.bsp", orbit, -177), -177))
-    body -177 of orbit.bsp, 2012-04-09T04:30:00 to 2012-04-09T04:40:00 TDB
+    Hermite polynomials of degree 11 go through states at equal steps, 600 s at most. At 15 s the error is a micrometre
+    in a low orbit with a field to degree 150.
     """
     import spiceypy
 

@@ -5,6 +5,6 @@ is opened after structural checks, with its SHA-256 kept for provenance. What co
 units (km, rad, TDB seconds since J2000); :mod:`radioloc.ephemeris` turns it into SI.
 """
 
-from radioloc.kernels.files import Kernel, KernelFile, Segment, add_kernel, added, find_kernel, registered
+from radioloc.kernels.files import Kernel, KernelFile, Segment, find_kernel, registered
 
-__all__ = ["Kernel", "KernelFile", "Segment", "add_kernel", "added", "find_kernel", "registered"]
+__all__ = ["Kernel", "KernelFile", "Segment", "find_kernel", "registered"]

@@ -17,8 +17,9 @@ from radioloc.cli import main
 from radioloc.dynamics import Acceleration, Impulse
 from radioloc.ephemeris import Ephemeris, Trajectory
 from radioloc.errors import InputError
-from radioloc.io import write_orbit_oem, write_orbit_opm, write_orbit_spk, write_residuals_tdm, write_spice
-from radioloc.io.ccsds import write_oem
+from radioloc.io import write_spice
+from radioloc.io.ccsds import write_oem, write_orbit_oem, write_orbit_opm, write_residuals_tdm
+from radioloc.io.spice_kernels import write_orbit_spk
 from radioloc.io.tdm import read_tdm_file
 from radioloc.kernels import find_kernel
 from radioloc.time import epochs_from_strings, to_scale

@@ -11,7 +11,7 @@ import radioloc
 from radioloc.cli import main
 from radioloc.errors import ConvergenceError, InputError
 from radioloc.estimation import FitStatus
-from radioloc.io import write_sinex
+from radioloc.io.sinex import write_sinex
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.report.error_figures import plot_correlations
 from radioloc.results.solution import TargetPosition

@@ -177,5 +177,15 @@ def altitude_m(camera: Camera, ground_pixel_m: ArrayLike) -> Floats:
 
 def undistorted(camera: Camera) -> Callable[[Floats], Floats]:
     """Return the function from pixels, shape (n, 2), to those of the same camera without distortion."""
-    straight = replace(camera, distortion=Distortion("none", ()))
+    straight = _straight(camera)
     return lambda pixels: straight.pixels(camera.directions(pixels))[0]
+
+
+def distorted(camera: Camera) -> Callable[[Floats], tuple[Floats, NDArray[np.bool_]]]:
+    """Return the inverse function of :func:`undistorted`, with the mask of pixels that the lens sees."""
+    straight = _straight(camera)
+    return lambda pixels: camera.pixels(straight.directions(pixels))
+
+
+def _straight(camera: Camera) -> Camera:
+    return replace(camera, distortion=Distortion("none", ()))

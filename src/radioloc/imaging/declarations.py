@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from radioloc.imaging.figures import plot_images, plot_point
+from radioloc.imaging.products import FILES
 from radioloc.imaging.solution import ImageSolution, PointSolution
 from radioloc.report.figure_types import FigureType
 from radioloc.results.cards import POSITION
 from radioloc.results.result import ResultType
 
-IMAGES_RESULT = ResultType("images", ImageSolution, ("images", "map"), ("solution.json",))
+IMAGES_RESULT = ResultType("images", ImageSolution, ("images", "map"), ("solution.json", *FILES))
 POINT_RESULT = ResultType("image_point", PointSolution, ("image_position", "map"), ("solution.json",))
 
 IMAGES_FIGURE = FigureType(

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from radioloc.constants import MEAN_LUNAR_RADIUS_M
+from radioloc.imaging.products import lay_over, pose_table, track_deg
 from radioloc.imaging.solution import ImageSolution, PointSolution
 from radioloc.report.figures import (
     COLORS,
@@ -50,8 +52,9 @@ def plot_images(solution: ImageSolution, ax: Axes | None = None) -> Figure:
     Returns
     -------
     matplotlib.figure.Figure
-        Three panels, each a closer look: the map with the images laid over it, their outlines, tie points with the map,
-        the path of their centres, and the lander with its 95 % ellipse.
+        Three panels, each a closer look: the map with the images laid over it, their outlines, tie points with the map
+        and their residuals, the path of the middles, the ground track of the camera, and the lander with its 95 %
+        ellipse.
 
     Examples
     --------
@@ -70,6 +73,7 @@ def plot_images(solution: ImageSolution, ax: Axes | None = None) -> Figure:
     figure = several_panels(ax, 13.0, 4.9, title)
     panels = figure.subplots(1, _PANEL_COUNT)
     centres = np.concatenate([_in_plane(frame, [[1, 1]]) for frame in frames])
+    track = plane.from_longitude_latitude(track_deg(pose_table(solution)))
     for k, (axes, width) in enumerate(zip(panels, widths, strict=True)):
         middle = 0.5 * (corners[0].min(axis=0) + corners[0].max(axis=0)) if k == 0 else lander
         west, north = middle[0] - 0.5 * width - lander[0], middle[1] + 0.5 * width - lander[1]
@@ -86,8 +90,12 @@ def plot_images(solution: ImageSolution, ax: Axes | None = None) -> Figure:
         ties = factor * (solution.registration.map_places_m - lander)
         dots = {"markersize": 2.5, "alpha": 0.7, "label": "tie points with the map"}
         axes.plot(*ties.T, ".", color=COLORS[2], **dots)
+        _draw_residuals(axes, ties, solution.registration.map_residuals_m, 0.04 * width * factor)
         path = {"markersize": 3, "linewidth": 1.0, "label": "middles of the images"}
         axes.plot(*(factor * (centres - lander)).T, "o-", color=COLORS[0], **path)
+        if len(track):
+            line = {"linewidth": 1.0, "label": "camera"}
+            axes.plot(*(factor * (track - lander)).T, ".--", color=COLORS[4], markersize=3, **line)
         axes.plot(0.0, 0.0, "+", color=COLORS[1], markersize=13, markeredgewidth=1.8, label="lander")
         total_m2, relative_m2 = solution.covariance_enu_m2[:2, :2], solution.relative_covariance_en_m2
         for covariance_m2, dashes, label in (
@@ -114,6 +122,15 @@ def _in_plane(frame: RegisteredFrame, halves: Sequence[Sequence[int]]) -> Floats
     return transformed(to_plane, np.array(halves, dtype=np.float64) * frame.centre)
 
 
+def _draw_residuals(axes: Axes, ties: Floats, residuals_m: Floats, length: float) -> None:
+    """Draw residuals of tie points on the map as vectors, of which the rms has a length on the axes."""
+    rms_m = float(np.sqrt((residuals_m**2).sum(axis=1).mean()))
+    vectors = residuals_m * (length / rms_m)
+    label = f"residuals on the map, rms {rms_m:.2g} m"
+    options: Any = {"color": COLORS[5], "width": 0.0025, "alpha": 0.8, "label": label}
+    axes.quiver(*ties.T, *vectors.T, angles="xy", scale_units="xy", scale=1.0, **options)
+
+
 def _distinct_frames(frames: Sequence[RegisteredFrame]) -> Iterator[RegisteredFrame]:
     """Yield frames that are closer than the previous one or show other ground, and the last."""
     pixel_m, middle = math.inf, np.zeros(2)
@@ -127,53 +144,20 @@ def _distinct_frames(frames: Sequence[RegisteredFrame]) -> Iterator[RegisteredFr
 
 def _mosaic(solution: ImageSolution, west_m: float, north_m: float, width_m: float) -> NDArray[np.uint8]:
     """Draw the images from high to low over the map."""
-    from radioloc.imaging.frames import load_opencv
+    from radioloc.lunar.map_grid import MapGrid, load_rasterio
 
-    cv2 = load_opencv()
-    pixel_m = width_m / _MOSAIC_PIXELS
+    rasterio = load_rasterio()
+    plane, pixel_m = solution.registration.plane, width_m / _MOSAIC_PIXELS
     shape = (_MOSAIC_PIXELS, _MOSAIC_PIXELS)
-    canvas, valid = solution.base.view(
-        solution.registration.plane, west_m + 0.5 * pixel_m, north_m - 0.5 * pixel_m, pixel_m, shape
-    )
+    canvas, valid = solution.base.view(plane, west_m + 0.5 * pixel_m, north_m - 0.5 * pixel_m, pixel_m, shape)
     canvas = np.where(valid, canvas, 255).astype(np.uint8)
-    to_plane = np.array(
-        [[pixel_m, 0.0, west_m + 0.5 * pixel_m], [0.0, -pixel_m, north_m - 0.5 * pixel_m], [0.0, 0.0, 1.0]]
+    crs = rasterio.crs.CRS.from_string(
+        f"+proj=ortho +lat_0={plane.latitude_deg!r} +lon_0={plane.longitude_deg!r} +R={MEAN_LUNAR_RADIUS_M!r}"
     )
-    for frame in _distinct_frames(solution.registered):
-        assert frame.homography is not None
-        if frame.pixel_m * 2.0 * frame.centre.max() < 0.01 * width_m:
-            continue  # too small in the figure
-        image, usable = _undistorted(solution, frame)
-        # From the canvas to the image's pixels, which are averaged for a coarser canvas.
-        matrix = frame.homography.matrix @ to_plane
-        reduction = max(1, int(pixel_m / frame.pixel_m))
-        if reduction > 1:
-            image, usable = (cv2.blur(part, (reduction, reduction)) for part in (image, usable))
-        drawn = cv2.warpPerspective(image, matrix, shape, flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP)
-        shown = cv2.warpPerspective(usable, matrix, shape, flags=cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP)
-        canvas = np.where(shown == 255, drawn, canvas)
+    corner = rasterio.Affine(pixel_m, 0.0, west_m, 0.0, -pixel_m, north_m)
+    grid = MapGrid.of_map(crs, corner, *shape, MEAN_LUNAR_RADIUS_M)
+    lay_over(canvas, solution, _distinct_frames(solution.registered), grid)
     return canvas
-
-
-def _undistorted(
-    solution: ImageSolution, frame: RegisteredFrame
-) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
-    """Return an image without distortion, and its mask with 255 for the ground."""
-    from radioloc.imaging.frames import load_opencv, read_frame
-
-    cv2 = load_opencv()
-    image = read_frame(solution.paths[frame.name])
-    usable = np.full(image.shape, 255, np.uint8)
-    if solution.mask is not None:
-        usable[~solution.mask] = 0
-    if solution.camera is None:
-        return image, usable
-    camera = solution.camera(image.shape)
-    lens = np.array(camera.distortion.coefficients)
-    x, y = cv2.initUndistortRectifyMap(
-        camera.matrix, lens, None, camera.matrix, image.shape[::-1], cv2.CV_32FC1
-    )
-    return cv2.remap(image, x, y, cv2.INTER_LINEAR), cv2.remap(usable, x, y, cv2.INTER_NEAREST)
 
 
 @draws_names_literally

@@ -190,8 +190,7 @@ class Poses:
     ) -> Poses:
         """Build from approximate homographies and places of tie points, each in an image.
 
-        The homography of a plane at the mean height of an image's places is K [q1 q2 t] up to scale (Zhang 2000,
-        section 3.1). Images of less than four cells of the elevation model are low.
+        Images of less than four cells of the elevation model are low.
         """
         scatter = [places_m[image == k].var(axis=0).mean() for k in range(len(cameras))]
         widths_m = np.sqrt(12.0 * np.array(scatter))  # of a square
@@ -199,15 +198,10 @@ class Poses:
         points = relief.points(places_m)[0]
         middles, rotations, positions = [], [], []
         for k, (camera, matrix) in enumerate(zip(cameras, homographies.matrices, strict=True)):
-            middle = points[image == k].mean(axis=0)
-            columns = np.linalg.solve(camera, matrix @ _to_height(middle))
-            columns = columns / np.linalg.norm(columns[:, :2], axis=0).mean()
-            # The ground is in front of the camera.
-            columns = columns * np.sign(columns[2] @ [*middle[:2], 1.0])
-            u, _, v = np.linalg.svd(np.column_stack([columns[:, :2], np.cross(*columns[:, :2].T)]))
-            middles.append(middle)
-            rotations.append(u @ v)
-            positions.append([0.0, 0.0, middle[2]] - rotations[-1].T @ columns[:, 2])
+            middles.append(points[image == k].mean(axis=0))
+            rotation, position_m = pose_of_homography(camera, matrix, middles[-1])
+            rotations.append(rotation)
+            positions.append(position_m)
         poses = np.array(rotations), np.array(positions), np.array(middles)
         return cls(homographies, low, relief, cameras, *poses)
 
@@ -228,7 +222,7 @@ class Poses:
         to_pixel = self.cameras[image] @ self.rotations[image]
         ahead = self._ahead(image, points)
         by_angles = -self.cameras[image] @ vectors.cross_matrices(ahead)
-        by_position = -to_pixel * self._ranges_m()[image, np.newaxis, np.newaxis]
+        by_position = -to_pixel * self.ranges_m()[image, np.newaxis, np.newaxis]
         zeros = np.zeros((len(image), 3, 2))
         homogeneous_partials = np.concatenate(
             [to_pixel @ point_by_place, by_angles, by_position, zeros], axis=2
@@ -260,7 +254,7 @@ class Poses:
             self,
             homographies=self.homographies.corrected(np.where(low, steps, 0.0)),
             rotations=rotation_of(pose_steps[:, :3]) @ self.rotations,
-            positions_m=self.positions_m + self._ranges_m()[:, np.newaxis] * pose_steps[:, 3:6],
+            positions_m=self.positions_m + self.ranges_m()[:, np.newaxis] * pose_steps[:, 3:6],
         )
 
     def place(self, image: int, pixel: Floats) -> Floats:
@@ -287,7 +281,7 @@ class Poses:
         to_point[:, 2] -= self.positions_m[image]
         camera, rotation = self.cameras[image], self.rotations[image]
         by_angles = [camera @ turn @ rotation @ to_point for turn in vectors.cross_matrices(np.eye(3))]
-        to_pixel = -self._ranges_m()[image] * camera @ rotation
+        to_pixel = -self.ranges_m()[image] * camera @ rotation
         by_position = [np.outer(to_pixel @ axis, [0.0, 0.0, 1.0]) for axis in np.eye(3)]
         change = np.stack([partials.ravel() for partials in (*by_angles, *by_position)], axis=1)
         return of_elements(camera @ rotation @ to_point, change @ covariance[:6, :6] @ change.T)
@@ -302,11 +296,24 @@ class Poses:
         """Return vectors from the cameras to points in the cameras' axes, shape (n, 3)."""
         return vectors.rotated(self.rotations[image], points_m - self.positions_m[image])
 
-    def _ranges_m(self) -> Floats:
+    def ranges_m(self) -> Floats:
+        """Return distances of the cameras from the middles of their ground, m, shape (images,)."""
         return vectors.length(self.positions_m - self.middles_m)
 
 
 Projections = Homographies | Poses
+
+
+def pose_of_homography(camera: Floats, matrix: Floats, middle_m: Floats) -> tuple[Floats, Floats]:
+    """Return rotation Q and position C of a camera by its homography of a plane at the height of a point."""
+    # The homography is K [q1 q2 t] up to scale (Zhang 2000, section 3.1).
+    columns = np.linalg.solve(camera, matrix @ _to_height(middle_m))
+    columns = columns / np.linalg.norm(columns[:, :2], axis=0).mean()
+    # The ground is in front of the camera.
+    columns = columns * np.sign(columns[2] @ [*middle_m[:2], 1.0])
+    u, _, v = np.linalg.svd(np.column_stack([columns[:, :2], np.cross(*columns[:, :2].T)]))
+    rotation = u @ v
+    return rotation, [0.0, 0.0, middle_m[2]] - rotation.T @ columns[:, 2]
 
 
 def _to_height(point_m: Floats) -> Floats:

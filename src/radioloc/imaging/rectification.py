@@ -18,19 +18,25 @@ from numpy.typing import NDArray
 from radioloc import vectors
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.errors import InputError
+from radioloc.imaging.cameras import Camera, distorted, undistorted
+from radioloc.imaging.homography import transformed
 from radioloc.imaging.sensor_models import SensorModel, require_mean_earth
 from radioloc.imaging.surfaces import Terrain
 from radioloc.lunar import TerrainModel, cartesian_to_selenographic, selenographic_to_cartesian
+from radioloc.lunar.grey_images import Mask
 from radioloc.lunar.map_files import new_geotiff
 from radioloc.lunar.map_grid import MapGrid, load_rasterio
+from radioloc.lunar.maps import TangentPlane
 from radioloc.lunar.terrain import LargeWindowError, NoTerrainError
 from radioloc.text_files import replaced_file, scratch_folder
 from radioloc.vectors import Floats
 
 _OUTLINE_POINTS = 65  # per side of an image
 _MAX_RAY_MISS_CELLS = 1.0  # of a point from the first intersection of its ray, for a visible point
-# Tangent of 60 degrees, which slopes between cells do not exceed: steeper rays need no test for hidden points.
-_MAX_SLOPE = 1.7
+# Largest distance from the middle of an image's tie points, in their standard deviations; a square's corner has 2.4.
+_MAX_EXTRAPOLATION = 4.0
+# Squares of cells in which pixels are interpolated between the corners.
+_MAX_SQUARE_CELLS, _MIN_SQUARE_CELLS, _MIN_SQUARES = 16, 4, 8
 _MAX_EQUIRECTANGULAR_LATITUDE_DEG = 60.0  # a parallel there has half of its length on the map
 
 
@@ -42,11 +48,11 @@ class View(Protocol):
         """Lines and samples."""
         ...
 
-    def ground(self, pixels: Floats) -> tuple[Floats, NDArray[np.bool_]]:
+    def ground(self, pixels: Floats) -> tuple[Floats, Mask]:
         """Return angles, shape (n, 2), of pixels, shape (n, 2), and whether each shows the ground."""
         ...
 
-    def pixels(self, angles: Floats, tolerance_m: float) -> tuple[Floats, NDArray[np.bool_]]:
+    def pixels(self, angles: Floats, tolerance_m: float) -> tuple[Floats, Mask]:
         """Return pixels of ground points, and whether the image shows them; hidden by more than a tolerance."""
         ...
 
@@ -66,13 +72,13 @@ class TerrainView:
         """Lines and samples."""
         return self.model.shape
 
-    def ground(self, pixels: Floats) -> tuple[Floats, NDArray[np.bool_]]:
+    def ground(self, pixels: Floats) -> tuple[Floats, Mask]:
         """Return angles of the first intersections of rays with the ground, and whether each ray has one."""
         rays = self.model.rays(pixels)
         points, hits = Terrain(self.terrain).intersect(rays.origins_m, rays.directions)
         return np.column_stack(cartesian_to_selenographic(points)[:2]), hits
 
-    def pixels(self, angles: Floats, tolerance_m: float) -> tuple[Floats, NDArray[np.bool_]]:
+    def pixels(self, angles: Floats, tolerance_m: float) -> tuple[Floats, Mask]:
         """Return pixels of ground points, and whether the image shows them."""
         pixels, visible = np.zeros((len(angles), 2)), np.zeros(len(angles), bool)
         try:
@@ -92,23 +98,92 @@ class TerrainView:
             axis=1
         )
         shown = np.flatnonzero(projected.visible & in_image)
-        shown = shown[~self._hidden(points[shown], projected.pixels[shown], tolerance_m)]
+        hidden = self._hidden(points[shown], projected.pixels[shown], window.max_slope, tolerance_m)
+        shown = shown[~hidden]
         pixels[cells[shown]], visible[cells[shown]] = projected.pixels[shown], True
         return pixels, visible
 
-    def _hidden(self, points: Floats, pixels: Floats, tolerance_m: float) -> NDArray[np.bool_]:
-        """Select points behind other ground; only rays of low elevation are tested."""
+    def _hidden(self, points: Floats, pixels: Floats, max_slope: float, tolerance_m: float) -> Mask:
+        """Select points behind other ground; rays steeper than all slopes need no test."""
         hidden = np.zeros(len(points), dtype=bool)
         if not len(points):
             return hidden
         rays = self.model.rays(pixels)
         down = -vectors.dot(points, rays.directions) / vectors.length(points)
-        flat = np.flatnonzero(down <= _MAX_SLOPE * np.sqrt(np.maximum(1.0 - down * down, 0.0)))
+        flat = np.flatnonzero(down <= max_slope * np.sqrt(np.maximum(1.0 - down * down, 0.0)))
         if len(flat):
             first_m, _ = Terrain(self.terrain).intersect(rays.origins_m[flat], rays.directions[flat])
             allowed_m = max(tolerance_m, _MAX_RAY_MISS_CELLS * self.terrain.metadata.resolution_m)
             hidden[flat] = vectors.length(first_m - points[flat]) > allowed_m
         return hidden
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlaneView:
+    """View of a plane that touches the Moon by a homography from its places to pixels without distortion."""
+
+    plane: TangentPlane
+    matrix: Floats = field(repr=False)
+    shape: tuple[int, int]
+    camera: Camera | None = None  # with the distortion of the image
+
+    def ground(self, pixels: Floats) -> tuple[Floats, Mask]:
+        """Return angles of pixels, and whether each is below the horizon."""
+        straight = pixels if self.camera is None else undistorted(self.camera)(pixels)
+        places_m = transformed(np.asarray(np.linalg.inv(self.matrix), np.float64), straight)
+        angles = np.radians(self.plane.to_longitude_latitude(np.nan_to_num(places_m, nan=np.inf)))
+        return angles, self._is_ahead(places_m) & np.isfinite(angles).all(axis=1)
+
+    def pixels(self, angles: Floats, tolerance_m: float) -> tuple[Floats, Mask]:
+        """Return pixels of ground points, and whether the image shows them."""
+        places_m = self.plane.from_longitude_latitude(np.degrees(angles))
+        pixels, visible = transformed(self.matrix, places_m), self._is_ahead(places_m)
+        if self.camera is not None:
+            pixels, seen = distorted(self.camera)(np.nan_to_num(pixels))
+            visible &= seen
+        lines, samples = self.shape
+        inside = (pixels >= -0.5) & (pixels < [samples - 0.5, lines - 0.5])
+        return pixels, np.asarray(visible & inside.all(axis=1))
+
+    def _is_ahead(self, places_m: Floats) -> Mask:
+        # Points in front of a camera above the plane have a third coordinate of the sign opposite to the determinant.
+        with np.errstate(invalid="ignore"):
+            depth = places_m @ self.matrix[2, :2] + self.matrix[2, 2]
+        return np.asarray(depth * np.linalg.det(self.matrix) < 0.0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BoundedView:
+    """View within four standard deviations of the places of tie points, beyond which an image is not determined."""
+
+    view: TerrainView | PlaneView
+    plane: TangentPlane
+    places_m: Floats = field(repr=False)  # of the tie points, shape (n, 2)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Lines and samples."""
+        return self.view.shape
+
+    def ground(self, pixels: Floats) -> tuple[Floats, Mask]:
+        """Return angles of pixels, and whether each shows determined ground."""
+        angles, hits = self.view.ground(pixels)
+        return angles, hits & self._is_near(angles)
+
+    def pixels(self, angles: Floats, tolerance_m: float) -> tuple[Floats, Mask]:
+        """Return pixels of ground points, and whether the image shows them."""
+        pixels, visible = self.view.pixels(angles, tolerance_m)
+        return pixels, visible & self._is_near(angles)
+
+    def _is_near(self, angles: Floats) -> Mask:
+        return is_near(self.places_m, self.plane.from_longitude_latitude(np.degrees(angles)))
+
+
+def is_near(tied_m: Floats, places_m: Floats) -> Mask:
+    """Select places, shape (n, 2), within the largest distance from the middle of tie points."""
+    offset_m = places_m - tied_m.mean(axis=0)
+    distance2 = np.einsum("ni,ij,nj->n", offset_m, np.linalg.inv(np.cov(tied_m.T)), offset_m)
+    return np.asarray(distance2 <= _MAX_EXTRAPOLATION**2)
 
 
 def nearest_projection(longitude_deg: float, latitude_deg: float) -> str:
@@ -172,18 +247,95 @@ def outline(view: View) -> Floats:
 
 
 def rectified(
-    image: NDArray[Any], view: View, grid: MapGrid, rows: slice, columns: slice
-) -> tuple[NDArray[Any], NDArray[np.bool_]]:
-    """Return an image resampled to some rows and columns of a grid, and the mask of cells that it shows."""
-    shape = rows.stop - rows.start, columns.stop - columns.start
-    row, column = np.mgrid[rows, columns].reshape(2, -1).astype(float)
-    angles = np.column_stack(grid.longitude_latitude(row, column))
-    cells = np.flatnonzero(np.isfinite(angles).all(axis=1))
-    values, visible = np.zeros(len(row), image.dtype), np.zeros(len(row), bool)
-    pixels, shown = view.pixels(angles[cells], grid.resolution_m)
-    visible[cells] = shown
-    values[visible] = interpolated(image, pixels[shown])
-    return values.reshape(shape), visible.reshape(shape)
+    image: NDArray[Any],
+    view: View,
+    grid: MapGrid,
+    rows: slice,
+    columns: slice,
+    mask: Mask | None = None,
+    tolerance_px: float = 0.0,
+) -> tuple[NDArray[Any], Mask]:
+    """Return an image resampled to some rows and columns of a grid, and the mask of cells that it shows.
+
+    Pixels much smaller than a cell are averaged. `mask` selects usable pixels of the image. With a tolerance, pixels
+    are interpolated in squares of cells whose middle agrees with the corners.
+    """
+    pixels, visible = _cell_pixels(view, grid, rows, columns, tolerance_px)
+    values = np.zeros(visible.shape, image.dtype)
+    if not visible.any():
+        return values, visible
+    steps = [np.hypot(*np.diff(pixels, axis=k)[_both(visible, k)].T) for k in (0, 1)]
+    reduction = max(1, int(min((float(np.median(step)) for step in steps if len(step)), default=1.0)))
+    if mask is not None:
+        nearest = np.rint(pixels).astype(int).clip(0, np.array(mask.shape[::-1]) - 1)
+        visible &= mask[nearest[..., 1], nearest[..., 0]]
+    values[visible] = _averaged(image, pixels[visible], reduction)
+    return values, visible
+
+
+def _both(visible: Mask, axis: int) -> Mask:
+    """Select neighbours along an axis that are both visible."""
+    first, second = (np.take(visible, np.arange(visible.shape[axis] - 1) + k, axis) for k in (0, 1))
+    return np.asarray(first & second)
+
+
+def _cell_pixels(
+    view: View, grid: MapGrid, rows: slice, columns: slice, tolerance_px: float
+) -> tuple[Floats, Mask]:
+    """Return pixels, shape (rows, columns, 2), and visibility of cells."""
+    from scipy.ndimage import binary_dilation
+
+    counts = rows.stop - rows.start, columns.stop - columns.start
+    step = min(_MAX_SQUARE_CELLS, min(counts) // _MIN_SQUARES)
+    if step < _MIN_SQUARE_CELLS or not tolerance_px:
+        return _exact_pixels(view, grid, *np.mgrid[rows, columns].astype(float))
+    nodes = [
+        part.start + step * np.arange(-(-n // step) + 1.0)
+        for part, n in zip((rows, columns), counts, strict=True)
+    ]
+    corners, shown = _exact_pixels(view, grid, *np.meshgrid(*nodes, indexing="ij"))
+    middles = np.meshgrid(*(part[:-1] + 0.5 * step for part in nodes), indexing="ij")
+    middle, middle_shown = _exact_pixels(view, grid, *middles)
+    ends = slice(None, -1), slice(1, None)
+    mean = sum((corners[i, j] for i in ends for j in ends), np.zeros_like(middle)) / 4.0
+    visibles = np.array([*(shown[i, j] for i in ends for j in ends), middle_shown])
+    smooth = visibles.all(axis=0) & (np.abs(mean - middle).max(axis=-1) < tolerance_px)
+    mixed = binary_dilation(visibles.any(axis=0), np.ones((3, 3))) & ~smooth
+    pixels = corners
+    for axis, n in enumerate(counts):
+        number, cell = np.divmod(np.arange(n), step)
+        part = np.expand_dims(cell / step, tuple({0, 1, 2} - {axis}))
+        pixels = np.take(pixels, number, axis) * (1.0 - part) + np.take(pixels, number + 1, axis) * part
+    kinds: Mask = np.repeat(np.repeat(np.array([smooth, mixed]), step, axis=1), step, axis=2)
+    visible, calculated = kinds[0, : counts[0], : counts[1]], kinds[1, : counts[0], : counts[1]]
+    row, column = np.nonzero(calculated)
+    pixels[calculated], visible[calculated] = _exact_pixels(
+        view, grid, row + rows.start, column + columns.start
+    )
+    return pixels, visible
+
+
+def _exact_pixels(view: View, grid: MapGrid, rows: Floats, columns: Floats) -> tuple[Floats, Mask]:
+    """Return pixels and visibility of cells of any shape."""
+    angles = np.column_stack(grid.longitude_latitude(rows.ravel(), columns.ravel()))
+    pixels, visible = np.zeros_like(angles), np.asarray(np.isfinite(angles).all(axis=1))
+    if visible.any():
+        pixels[visible], visible[visible] = view.pixels(angles[visible], grid.resolution_m)
+    return pixels.reshape(*rows.shape, 2), visible.reshape(rows.shape)
+
+
+def _averaged(image: NDArray[Any], pixels: Floats, reduction: int) -> NDArray[Any]:
+    """Return the image at pixels, shape (n, 2), with means of square blocks of pixels."""
+    low = np.maximum(np.floor(pixels.min(axis=0) / reduction).astype(int), 0) * reduction
+    high = np.minimum(np.ceil(pixels.max(axis=0)).astype(int) + 1 + reduction, image.shape[::-1])
+    width, height = (high - low) // reduction
+    if reduction == 1 or not width * height:
+        return interpolated(image, pixels)
+    part = image[low[1] : low[1] + height * reduction, low[0] : low[0] + width * reduction]
+    means = part.reshape(height, reduction, width, reduction).mean(axis=(1, 3))
+    # Half a block at the edges is extrapolated linearly.
+    means = np.pad(means, 1, mode="reflect", reflect_type="odd")
+    return _in_type(interpolated(means, (pixels - low + 0.5) / reduction + 0.5), image.dtype)
 
 
 def interpolated(image: NDArray[Any], pixels: Floats) -> NDArray[Any]:
@@ -191,7 +343,14 @@ def interpolated(image: NDArray[Any], pixels: Floats) -> NDArray[Any]:
     from scipy.ndimage import map_coordinates
 
     values = map_coordinates(image, pixels.T[::-1], np.float64, order=1, mode="nearest")
-    return (np.rint(values) if image.dtype.kind in "iu" else values).astype(image.dtype)
+    return _in_type(np.asarray(values), image.dtype)
+
+
+def _in_type(values: Floats, dtype: np.dtype[Any]) -> NDArray[Any]:
+    """Return values in a type, rounded to its whole numbers."""
+    if dtype.kind in "iu":
+        values = np.clip(np.rint(values), np.iinfo(dtype).min, np.iinfo(dtype).max)
+    return values.astype(dtype)
 
 
 @contextmanager

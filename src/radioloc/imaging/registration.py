@@ -9,12 +9,15 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.errors import InputError
 from radioloc.imaging.adjustment import Adjusted, TiePoints, adjust, approximate_places
+from radioloc.imaging.cameras import Camera, distorted
 from radioloc.imaging.homography import Homography
 from radioloc.imaging.image_chain import (
     MAX_PIXEL_GROWTH,
@@ -25,7 +28,11 @@ from radioloc.imaging.image_chain import (
     pixel_size_m,
 )
 from radioloc.imaging.map_features import MapFeatures
-from radioloc.imaging.projections import Homographies, Poses, Projections, Relief
+from radioloc.imaging.orientation import ConstantOrientation
+from radioloc.imaging.projections import Homographies, Poses, Projections, Relief, pose_of_homography
+from radioloc.imaging.rectification import BoundedView, PlaneView, TerrainView, View, is_near
+from radioloc.imaging.sensor_models import FrameModel
+from radioloc.labels import Labels
 from radioloc.lunar import TerrainModel
 from radioloc.lunar.grey_images import Mask
 from radioloc.lunar.maps import Map, TangentPlane
@@ -34,8 +41,6 @@ from radioloc.vectors import Floats
 
 _MIN_TIES = 6
 _MIN_PART_WITH_HEIGHT = 0.5  # of an image's tie points, for poses over the elevation model
-# Largest distance from the middle of an image's tie points, in their standard deviations; a square's corner has 2.4.
-_MAX_EXTRAPOLATION = 4.0
 # Common error of all map features beside the map's tie, as a part of the map's pixel: under another Sun craters shift
 # by up to a pixel each, but by less than a tenth in the mean. This bound, as of a uniform distribution, is sqrt(3)
 # sigmas. The error does not decrease with the number of tie points.
@@ -43,6 +48,12 @@ _COMMON_PIXEL_PART = 0.1 / math.sqrt(3.0)
 # The same for ground taken as a plane, as a part of the rms displacement by relief: it is equal for neighbouring tie
 # points, and places err as if four of them were independent. The noise of features is independent and averages out.
 _COMMON_RELIEF_PART = 0.5
+
+
+TIE_COLUMNS = (
+    *("sample", "line", "residual_sample_px", "residual_line_px"),  # in images
+    *("residual_east_m", "residual_north_m"),  # on the map
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -89,6 +100,7 @@ class Registration:
     sigma_factors: tuple[float, float]  # of stated sigmas in images and on the map, from residuals
     redundancy: int
     map_places_m: Floats  # adjusted places in the plane of the tie points with the map, shape (k, 2)
+    map_residuals_m: Floats  # places on the map less the adjusted ones, shape (k, 2)
     relief: bool  # whether heights of the ground were modelled
     _ties: TiePoints = field(repr=False)
     _adjusted: Adjusted = field(repr=False)
@@ -102,28 +114,121 @@ class Registration:
         The covariance includes errors of features and of the chain, and those common to all points: the map's tie,
         0.058 of its pixel and, without relief, half of the rms displacement by relief.
         """
-        if name not in self._images:
-            status = {frame.name: frame.status.value for frame in self.frames}.get(name, "not an image")
-            raise InputError(f"expected a registered image, but {name} is {status}")
-        index, image = self._images[name]
+        index, image = self._image(name)
         measured = np.asarray(image.centre if pixel is None else pixel, dtype=np.float64)
         undistorted = image.undistorted(measured[np.newaxis])[0]
         try:
             place, covariance = self._adjusted.place(index, undistorted, pixel_sigma)
         except InputError as error:
             raise InputError(f"{name}: {error}") from None
-        tied = self._adjusted.places_m[self._ties.point[self._used(index)]]
-        offset_m = place - tied.mean(axis=0)
-        if offset_m @ np.linalg.solve(np.cov(tied.T), offset_m) > _MAX_EXTRAPOLATION**2:
+        tied = self._tied_m(index)
+        if not is_near(tied, place[np.newaxis])[0]:
+            distance_m = np.hypot(*(place - tied.mean(axis=0)))
             raise InputError(
                 f"{name}: the ground at sample {measured[0]:.1f}, line {measured[1]:.1f} is "
-                f"{np.hypot(*offset_m):.3g} m from the middle of the image's {len(tied)} tie points, far beyond their "
+                f"{distance_m:.3g} m from the middle of the image's {len(tied)} tie points, far beyond their "
                 "spread; choose another image or pixel"
             )
         longitude, latitude = self.plane.to_longitude_latitude(place[np.newaxis])[0]
         common_m2 = np.square(self.map_sigma_m) + self.common_sigma_m**2
         ground = self.plane.covariance_at(place, covariance) + np.diag(common_m2)
         return GroundPoint(float(longitude), float(latitude), ground)
+
+    def tie_points(self) -> dict[str, Any]:
+        """Return the tie points: one row for each image that shows one, and one for its place on the map.
+
+        ``residual_sample_px`` and ``residual_line_px`` are observed less computed pixels without distortion,
+        ``residual_east_m`` and ``residual_north_m`` places on the map less adjusted ones; NaN in rows of the other
+        kind. ``used`` is zero for rejected observations. Places are adjusted, mean-Earth axes.
+        """
+        ties, result = self._ties, self._adjusted
+        points = np.concatenate([ties.point, ties.map_point])
+        degrees = self.plane.to_longitude_latitude(result.places_m)[points]
+        pixels = ties.pixels.copy()
+        for index, image in self._images.values():
+            if image.camera is not None:
+                rows = ties.image == index
+                pixels[rows] = distorted(image.camera)(pixels[rows])[0]
+        n = len(pixels)
+        columns = np.full((len(points), len(TIE_COLUMNS)), np.nan)
+        columns[:n, :4], columns[n:, 4:] = np.hstack([pixels, result.residuals_px]), result.map_residuals_m
+        images = np.concatenate([ties.image, np.full(len(points) - n, len(self._images))]).astype(np.int32)
+        return {
+            "point": points,
+            "observed_in": Labels(images, (*self._images, "map")),
+            "used": np.concatenate([result.used, result.map_used]).astype(np.int64),
+            **dict(zip(("longitude_deg", "latitude_deg"), degrees.T, strict=True)),
+            **dict(zip(TIE_COLUMNS, columns.T, strict=True)),
+        }
+
+    def sensor_model(self, name: str, height_m: float = 0.0) -> FrameModel | None:
+        """Return camera and pose of a registered image, mean-Earth axes; None without a camera.
+
+        Images without a pose have that of their homography. `height_m` is the height of the ground for registrations
+        without relief.
+        """
+        index, image = self._image(name)
+        if image.camera is None:
+            return None
+        model, camera = self._adjusted.model, image.camera
+        if isinstance(model, Poses) and not model.low[index]:
+            rotation, position_m = model.rotations[index], model.positions_m[index]
+        else:
+            middle_m = self._tied_m(index).mean(axis=0)
+            if isinstance(model, Poses):
+                [point_m], _ = model.relief.points(middle_m[np.newaxis])
+            else:
+                up_m = math.sqrt(MEAN_LUNAR_RADIUS_M**2 - float(middle_m @ middle_m))
+                point_m = np.append(middle_m, up_m) * (1.0 + height_m / MEAN_LUNAR_RADIUS_M)
+            matrix = self._homographies.matrices[index]
+            rotation, position_m = pose_of_homography(_camera_matrix(camera), matrix, point_m)
+        axes = self.plane.axes()
+        to_sight = np.diag([1.0, camera.looks_along_z, camera.looks_along_z])
+        pose = ConstantOrientation(position_m @ axes, axes.T @ rotation.T @ to_sight)
+        return FrameModel(camera, pose, (image.size[1], image.size[0]))
+
+    def pose_covariance(self, name: str) -> Floats | None:
+        """Return the covariance of a pose relative to the map, shape (6, 6); None for an image without adjusted pose.
+
+        Errors are three angles about the camera's axes, rad, and three components of the position, east, north, up in
+        the plane, m.
+        """
+        index, _ = self._image(name)
+        model, block = self._adjusted.model, self._adjusted.block(index)
+        if not isinstance(model, Poses) or model.low[index]:
+            return None
+        scale = np.append(np.ones(3), np.full(3, model.ranges_m()[index]))
+        return self._adjusted.covariance[block, block][:6, :6] * np.outer(scale, scale)
+
+    def view(self, name: str) -> View:
+        """Return the view of a registered image, for its rectification."""
+        index, image = self._image(name)
+        model = self._adjusted.model
+        view: TerrainView | PlaneView
+        if isinstance(model, Poses) and not model.low[index]:
+            sensor = self.sensor_model(name)
+            assert sensor is not None
+            view = TerrainView(sensor, model.relief.model)
+        else:
+            shape = image.size[1], image.size[0]
+            view = PlaneView(self.plane, self._homographies.matrices[index], shape, image.camera)
+        return BoundedView(view, self.plane, self._tied_m(index))
+
+    @property
+    def _homographies(self) -> Homographies:
+        model = self._adjusted.model
+        return model.homographies if isinstance(model, Poses) else model
+
+    def _image(self, name: str) -> tuple[int, ChainImage]:
+        """Return the number in the adjustment and the image of a name."""
+        if name not in self._images:
+            status = {frame.name: frame.status.value for frame in self.frames}.get(name, "not an image")
+            raise InputError(f"expected a registered image, but {name} is {status}")
+        return self._images[name]
+
+    def _tied_m(self, index: int) -> Floats:
+        """Return the places of the tie points of an image in the plane."""
+        return self._adjusted.places_m[self._ties.point[self._used(index)]]
 
     def radial_pattern_px(self) -> tuple[float, float]:
         """Return the radial pattern of all residuals, as of lens distortion: pixels at the corners, and sigma.
@@ -228,6 +333,7 @@ def adjusted_registration(
         sigma_factors=result.sigma_factors,
         redundancy=result.redundancy,
         map_places_m=result.places_m[ties.map_point[result.map_used]],
+        map_residuals_m=result.map_residuals_m[result.map_used],
         relief=relief,
         _ties=ties,
         _adjusted=result,
@@ -268,12 +374,7 @@ def _projections(
     places = approximate_places(ties, matrices)
     sizes = np.array([image.size for image in images], dtype=np.float64)
     homographies = Homographies.of_matrices(matrices, sizes)
-    # In axes with z along the line of sight.
-    cameras = [
-        image.camera.matrix * [image.camera.looks_along_z, 1.0, 1.0]
-        for image in images
-        if image.camera is not None
-    ]
+    cameras = [_camera_matrix(image.camera) for image in images if image.camera is not None]
     if terrain is None or len(cameras) < len(images):
         return ties, homographies, places
     west, south, east, north = chain.extent_m
@@ -292,6 +393,11 @@ def _projections(
     places = places[usable]
     points = selected.image, places[selected.point]
     return selected, Poses.of_homographies(relief, np.array(cameras), homographies, *points), places
+
+
+def _camera_matrix(camera: Camera) -> Floats:
+    """Return the matrix to pixels from axes with z along the line of sight."""
+    return camera.matrix * [camera.looks_along_z, 1.0, 1.0]
 
 
 def _require_order(frames: list[RegisteredFrame]) -> None:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from radioloc.ephemeris.constants import CONSTANTS
 from radioloc.errors import InputError
 from radioloc.estimation.combination import horizontal_ellipse
+from radioloc.imaging.products import MappedImages, product_files
 from radioloc.lunar.local import EAST_NORTH_UP
 from radioloc.lunar.position import LunarPosition
 from radioloc.results.cards import Card, Field, metres, plural, provenance_detail
@@ -202,7 +203,7 @@ class PointSolution(_ImageResult):
 
 
 @dataclass(frozen=True, slots=True, eq=False, weakref_slot=True, repr=False)
-class ImageSolution(_ImageResult):
+class ImageSolution(_ImageResult, MappedImages):
     """Position of a lander by its descent images, and the registration of each image."""
 
     name: str  #: name of the study; reason if the position cannot be used, else empty
@@ -223,11 +224,6 @@ class ImageSolution(_ImageResult):
     notes: tuple[str, ...] = ()
     provenance: Mapping[str, Any] = field(default_factory=dict)
     paths: Mapping[str, Path] = field(default_factory=dict)  #: likewise
-
-    @property
-    def registered(self) -> tuple[RegisteredFrame, ...]:
-        """Images with a place on the map."""
-        return tuple(f for f in self.registration.frames if f.is_registered)
 
     @property
     def wrms_m(self) -> float:
@@ -266,6 +262,10 @@ class ImageSolution(_ImageResult):
         }
         images = [self._image(frame) for frame in self.registration.frames]
         return self._content("images", biases={}, considered=considered, fit=fit, images=images)
+
+    def files(self) -> Mapping[str, Content]:
+        """Return all numbers as ``solution.json``, and the files for geographic information systems."""
+        return {**_ImageResult.files(self), **product_files(self)}
 
     def _image(self, frame: RegisteredFrame) -> dict[str, Any]:
         content: dict[str, Any] = {

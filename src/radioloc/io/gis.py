@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -58,15 +59,20 @@ def write_gis(path: str | Path, solutions: Iterable[SolutionLike]) -> Path:
     'apollo15.geojson'
     """
     file, ending = Path(path), require_ending(path, (".geojson", ".gpkg"))
-    contents = contents_by_target(solutions)
-    positions = _positions(contents)
-    ellipses = [feature for content in contents for feature in _ellipses(content)]
+    layers = position_layers(solutions)
     if ending == ".geojson":
-        lines = ",\n".join(map(json.dumps, positions + ellipses))
+        lines = ",\n".join(map(json.dumps, chain(*layers.values())))
         write_text(file, json.dumps(_collection([])).replace("[]", f"[\n{lines}\n]") + "\n")
     else:
-        _write_geopackage(file, {"positions": positions, "ellipses": ellipses})
+        write_geopackage(file, layers)
     return file
+
+
+def position_layers(solutions: Iterable[SolutionLike]) -> dict[str, list[dict[str, Any]]]:
+    """Return features of the layers ``positions`` and ``ellipses``."""
+    contents = contents_by_target(solutions)
+    ellipses = [ellipse for content in contents for ellipse in _ellipses(content)]
+    return {"positions": _positions(contents), "ellipses": ellipses}
 
 
 def _positions(contents: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
@@ -79,7 +85,7 @@ def _positions(contents: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
         sigmas = {f"sigma_{axis}_m": content["sigma"][f"{axis}_m"] for axis in ("east", "north", "up")}
         named = {"kind": content.get("method", "tracking"), "name": content["name"], **frame, **sigmas}
         place = (me["longitude_deg"], me["latitude_deg"])
-        points.append(_feature("Point", place, named | {"converged": content["converged"]}))
+        points.append(feature("Point", place, named | {"converged": content["converged"]}))
         for reference in references_of(content):
             place = (reference["longitude_deg"], reference["latitude_deg"])
             named = {
@@ -88,7 +94,7 @@ def _positions(contents: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
                 "frame": me["frame"],
                 "height_m": reference["height_m"],
             }
-            references[reference["name"], *place] = _feature("Point", place, named)
+            references[reference["name"], *place] = feature("Point", place, named)
     return [*points, *references.values()]
 
 
@@ -115,7 +121,7 @@ def _ellipses(content: Mapping[str, Any]) -> list[dict[str, Any]]:
         minor_m, major_m = (factor * np.sqrt(np.maximum(variances, 0.0))).tolist()
         named = {"kind": "ellipse", "name": f"{content['name']}, {name}", "frame": me["frame"]}
         sizes = {"semi_major_m": major_m, "semi_minor_m": minor_m}
-        features.append(_feature("Polygon", [ring], named | sizes))
+        features.append(feature("Polygon", [ring], named | sizes))
     return features
 
 
@@ -137,7 +143,8 @@ def _ring(corners_m: Floats, centre_deg: tuple[float, float]) -> list[list[float
     return np.stack([longitudes, latitudes], axis=-1).tolist()
 
 
-def _feature(geometry: str, coordinates: object, properties: Mapping[str, Any]) -> dict[str, Any]:
+def feature(geometry: str, coordinates: object, properties: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a feature of GeoJSON."""
     place = {"type": geometry, "coordinates": coordinates}
     return {"type": "Feature", "properties": dict(properties), "geometry": place}
 
@@ -148,7 +155,8 @@ def _collection(features: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     return {"type": "FeatureCollection", "crs": crs, "features": list(features)}
 
 
-def _write_geopackage(file: Path, layers: Mapping[str, Sequence[Mapping[str, Any]]]) -> None:
+def write_geopackage(file: Path, layers: Mapping[str, Sequence[Mapping[str, Any]]]) -> None:
+    """Write features by layer; empty layers are left out."""
     raw = optional("pyogrio.raw", f"{file}: a GeoPackage needs pyogrio; write .geojson, or", "gis")
     with scratch_folder() as folder:
         layered = folder / "layers.gpkg"  # GDAL needs the ending

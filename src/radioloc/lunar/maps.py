@@ -182,6 +182,24 @@ class Map:
         InputError
             A view of more than 67 million pixels.
         """
+        sphere_m = self._grid.sphere_m
+        pixel = pixel_m * sphere_m / MEAN_LUNAR_RADIUS_M
+        corner = (west_m / pixel_m - 0.5) * pixel, (north_m / pixel_m + 0.5) * pixel
+        to_plane = f"+proj=ortho +lat_0={plane.latitude_deg!r} +lon_0={plane.longitude_deg!r} +R={sphere_m!r}"
+        transform = load_rasterio().Affine(pixel, 0.0, corner[0], 0.0, -pixel, corner[1])
+        return self._warped(plane, to_plane, transform, shape, pixel_m / self.resolution_m)
+
+    def on_grid(self, grid: MapGrid) -> tuple[Image, Mask]:
+        """Draw the map in the cells of a grid, as :meth:`view` does in a plane."""
+        middle_rad = grid.longitude_latitude(np.array([0.5 * grid.rows]), np.array([0.5 * grid.columns]))
+        plane = TangentPlane(*(float(np.degrees(angle[0])) for angle in middle_rad))
+        shape = grid.rows, grid.columns
+        return self._warped(plane, grid.crs, grid.transform, shape, grid.resolution_m / self.resolution_m)
+
+    def _warped(
+        self, plane: TangentPlane, crs: Any, transform: Any, shape: tuple[int, int], reduction: float
+    ) -> tuple[Image, Mask]:
+        """Return the map around a plane in pixels of another reference system, larger by a reduction."""
         rasterio = load_rasterio()
         from rasterio._err import CPLE_BaseError
         from rasterio.vrt import WarpedVRT
@@ -189,21 +207,16 @@ class Map:
         lines, samples = shape
         if not 0 < lines * samples <= _LARGEST_VIEW_PIXELS:
             raise InputError(f"a view of {lines} x {samples} pixels was asked for; make pixel_m larger")
-        sphere_m = self._grid.sphere_m
-        pixel = pixel_m * sphere_m / MEAN_LUNAR_RADIUS_M
-        corner = (west_m / pixel_m - 0.5) * pixel, (north_m / pixel_m + 0.5) * pixel
-        to_plane = f"+proj=ortho +lat_0={plane.latitude_deg!r} +lon_0={plane.longitude_deg!r} +R={sphere_m!r}"
-        reduction = pixel_m / self.resolution_m
         enums = rasterio.enums.Resampling
         try:
-            with self._source(plane, reduction) as (dataset, (crs, transform)):
+            with self._source(plane, reduction) as (dataset, (source_crs, source_transform)):
                 finest = reduction * dataset.width / self.shape[1]
                 warped = WarpedVRT(
                     dataset,
-                    src_crs=crs,
-                    src_transform=transform,
-                    crs=to_plane,
-                    transform=rasterio.Affine(pixel, 0.0, corner[0], 0.0, -pixel, corner[1]),
+                    src_crs=source_crs,
+                    src_transform=source_transform,
+                    crs=crs,
+                    transform=transform,
                     width=samples,
                     height=lines,
                     resampling=enums.average if finest >= _AVERAGED_FROM else enums.bilinear,

@@ -171,8 +171,10 @@ def write_content(path: Path, content: Content) -> None:
         _write_orbit(content, path)
     elif isinstance(content, Raster):
         _write_raster(content, path)
-    else:
+    elif isinstance(content, Mapping):
         write_json(path, content)
+    else:
+        content(path)
 
 
 def _write_raster(content: Raster, path: Path) -> None:

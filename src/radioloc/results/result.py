@@ -6,8 +6,9 @@ A result class derives from :class:`Result`. A :class:`ResultType` registers it,
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -44,8 +45,9 @@ class Raster:
     step_deg: float
 
 
-Content = str | Mapping[str, Any] | Table | OrbitFile | Raster
-"""Content of a file: text, a mapping for JSON, a table for CSV, an orbit in the format of the ending, or a GeoTIFF."""
+Content = str | Mapping[str, Any] | Table | OrbitFile | Raster | Callable[[Path], object]
+"""Content of a file: text, a mapping for JSON, a table for CSV, an orbit in the format of the ending, a GeoTIFF, or a
+function that writes the file."""
 
 
 class Result:

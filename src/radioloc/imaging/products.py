@@ -1,0 +1,247 @@
+"""Files of descent images for geographic information systems: rectified images, mosaic, tie points, outlines, poses."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from radioloc.imaging.frames import read_frame
+from radioloc.imaging.orientation import quaternions_of
+from radioloc.imaging.rectification import (
+    grid_around,
+    map_grid,
+    nearest_projection,
+    new_cog,
+    outline,
+    rectified,
+)
+from radioloc.imaging.registration import TIE_COLUMNS, RegisteredFrame, Registration
+from radioloc.io.gis import feature, position_layers, write_geopackage
+from radioloc.lunar import LunarPosition, Map, cartesian_to_selenographic, east_north_up
+from radioloc.lunar.grey_images import Image, Mask
+from radioloc.lunar.map_grid import MapGrid
+from radioloc.results.result import Content, Result, Table
+from radioloc.text_files import finite_or_none
+from radioloc.vectors import Floats
+
+FILES = ("poses.csv", "tie_points.csv", "images.gpkg", "mosaic.tif", "rectified/*.tif")
+"""Names and patterns of the files."""
+
+_MAX_SIDE_CELLS = 4096  # of a map: 17 million cells; finer images have their own map
+_MOSAIC_MARGIN = 0.05  # part of its size that shows the map only
+_MIN_DRAWN_CELLS = 2  # on each side of an image
+_TOLERANCE_PX = 0.1  # of rectified images: a third of the residuals of tie points
+_RING_STEPS = 16  # points on each side of an outline
+_ADJUSTED, _LEVEL = "adjusted", "level ground"  # poses in the table
+_CSV_DECIMALS = {"longitude_deg": 8, "latitude_deg": 8} | dict.fromkeys(TIE_COLUMNS, 3)
+
+
+class MappedImages(Result):
+    """Base class of a solution with descent images on a map."""
+
+    __slots__ = ()
+    name: str
+    position: LunarPosition
+    registration: Registration
+    base: Map
+    mask: Mask | None
+    altitudes_m: Mapping[str, float]
+    paths: Mapping[str, Path]
+
+    @property
+    def registered(self) -> tuple[RegisteredFrame, ...]:
+        """Images with a place on the map."""
+        return tuple(f for f in self.registration.frames if f.is_registered)
+
+
+def product_files(solution: MappedImages) -> dict[str, Content]:
+    """Return the files of a solution by name, with functions that write the maps and the layers."""
+    poses = pose_table(solution)
+    files: dict[str, Content] = {
+        "poses.csv": Table(poses),
+        "tie_points.csv": Table(solution.registration.tie_points(), _CSV_DECIMALS),
+        "images.gpkg": lambda path: write_geopackage(path, _layers(solution, poses)),
+        "mosaic.tif": partial(_write_mosaic, solution),
+    }
+    for number, frame in enumerate(solution.registration.frames, 1):
+        if frame.is_registered:
+            name = f"rectified/{number:03d}_{Path(frame.name).stem}.tif"
+            files[name] = partial(_write_rectified, solution, frame)
+    return files
+
+
+def pose_table(solution: MappedImages) -> dict[str, Any]:
+    """Return poses of the registered images with a camera: position in mean-Earth axes, and attitude.
+
+    The quaternion, scalar first, turns vectors from the camera's axes (x right, y down, z ahead) to the Moon's. The
+    azimuth counts from north over east. Poses that are not adjusted follow from the homography of level ground; their
+    attitude contains its slope. Sigmas are relative to the map.
+    """
+    registration = solution.registration
+    rows = []
+    for frame in solution.registered:
+        sensor = registration.sensor_model(frame.name, solution.position.selenographic[2])
+        if sensor is None:
+            continue
+        position, rotation = sensor.orientation.position_m, sensor.orientation.rot_camera_to_moon
+        longitude, latitude, height_m = (
+            float(part[0]) for part in cartesian_to_selenographic(position[None])
+        )
+        east, north, up = east_north_up(longitude, latitude) @ rotation[:, 2]
+        covariance = registration.pose_covariance(frame.name)
+        sigmas = np.full(6, np.nan) if covariance is None else np.sqrt(np.diag(covariance))
+        rows.append(
+            {
+                "file": frame.name,
+                "pose": _LEVEL if covariance is None else _ADJUSTED,
+                **dict(zip(("x_m", "y_m", "z_m"), position, strict=True)),
+                **dict(zip(("qw", "qx", "qy", "qz"), quaternions_of(rotation[None])[0], strict=True)),
+                "longitude_deg": math.degrees(longitude),
+                "latitude_deg": math.degrees(latitude),
+                "height_m": height_m,
+                "altitude_m": solution.altitudes_m.get(frame.name, math.nan),
+                "tilt_deg": math.degrees(math.acos(min(1.0, -up))),
+                "azimuth_deg": math.degrees(math.atan2(east, north)) % 360.0,
+                **dict(
+                    zip(("sigma_x_deg", "sigma_y_deg", "sigma_z_deg"), np.degrees(sigmas[:3]), strict=True)
+                ),
+                **dict(zip(("sigma_east_m", "sigma_north_m", "sigma_up_m"), sigmas[3:], strict=True)),
+            }
+        )
+    return {name: np.array([row[name] for row in rows]) for name in rows[0]} if rows else {"file": []}
+
+
+def track_deg(poses: Mapping[str, Any]) -> Floats:
+    """Return longitude and latitude of the camera by adjusted poses, or else by the others, shape (n, 2)."""
+    if not len(poses["file"]):
+        return np.zeros((0, 2))
+    places = np.column_stack([poses["longitude_deg"], poses["latitude_deg"]])
+    adjusted = poses["pose"] == _ADJUSTED
+    return places[adjusted] if adjusted.any() else places
+
+
+def lay_over(canvas: Image, solution: MappedImages, frames: Iterable[RegisteredFrame], grid: MapGrid) -> Mask:
+    """Draw images over a canvas in the cells of a grid, the finest on top, and return the mask of their cells."""
+    covered = np.zeros(canvas.shape, bool)
+    for frame in sorted(frames, key=lambda frame: -frame.pixel_m):
+        view = solution.registration.view(frame.name)
+        cells = np.column_stack(grid.cells(*outline(view).T))
+        first = np.clip(np.floor(cells.min(axis=0)), 0, canvas.shape).astype(int)
+        last = np.clip(np.ceil(cells.max(axis=0)) + 1, first, canvas.shape).astype(int)
+        part = slice(first[0], last[0]), slice(first[1], last[1])
+        if (last - first).min() < _MIN_DRAWN_CELLS:
+            continue
+        image = read_frame(solution.paths[frame.name])
+        values, shown = rectified(image, view, grid, *part, solution.mask, _TOLERANCE_PX)
+        canvas[part][shown] = values[shown]
+        covered[part] |= shown
+    return covered
+
+
+def _write_mosaic(solution: MappedImages, path: Path) -> None:
+    registration, frames = solution.registration, solution.registered
+    angles = np.concatenate([outline(registration.view(frame.name)) for frame in frames])
+    finest_m = min(frame.pixel_m for frame in frames)
+    grid = _limited(lambda cell_m: map_grid(_projection(solution), angles, cell_m, _MOSAIC_MARGIN), finest_m)
+    canvas, valid = solution.base.on_grid(grid)
+    covered = lay_over(canvas, solution, frames, grid)
+    with new_cog(path, grid, canvas.dtype) as file:
+        file.write(canvas, 1)
+        file.write_mask(valid | covered)
+
+
+def _write_rectified(solution: MappedImages, frame: RegisteredFrame, path: Path) -> None:
+    view = solution.registration.view(frame.name)
+    grid = _limited(lambda cell_m: grid_around([view], _projection(solution), cell_m), frame.pixel_m)
+    image = read_frame(solution.paths[frame.name])
+    cells = slice(0, grid.rows), slice(0, grid.columns)
+    values, visible = rectified(image, view, grid, *cells, solution.mask, _TOLERANCE_PX)
+    with new_cog(path, grid, values.dtype) as file:
+        file.write(values, 1)
+        file.write_mask(visible)
+
+
+def _projection(solution: MappedImages) -> str:
+    return nearest_projection(*solution.position.selenographic[:2])
+
+
+def _limited(grid_of: Callable[[float], MapGrid], cell_m: float) -> MapGrid:
+    """Return a grid of cells of a size in two digits, or larger ones if the grid had too many cells."""
+    grid = grid_of(float(f"{cell_m:.2g}"))
+    part = max(grid.rows, grid.columns) / _MAX_SIDE_CELLS
+    return grid if part <= 1.0 else grid_of(float(f"{1.05 * part * grid.resolution_m:.2g}"))
+
+
+def _layers(solution: MappedImages, poses: Mapping[str, Any]) -> dict[str, list[dict[str, Any]]]:
+    """Return features of all layers: position with ellipses, outlines, cameras with their track, tie points."""
+    cameras = [
+        feature("Point", [row["longitude_deg"], row["latitude_deg"]], row)
+        for row in _rows({name: column.tolist() for name, column in poses.items() if len(column)})
+    ]
+    places = track_deg(poses)
+    track = [feature("LineString", places.tolist(), {"name": solution.name})] if len(places) > 1 else []
+    return {
+        "tie_points": list(_tie_features(solution)),
+        "outlines": [_outline_feature(solution, frame) for frame in solution.registered],
+        "track": track,
+        "cameras": cameras,
+        **position_layers([solution.to_dict()]),
+    }
+
+
+def _rows(columns: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
+    """Yield rows of a table, with None for NaN."""
+    for values in zip(*columns.values(), strict=True):
+        plain = (finite_or_none(value) if isinstance(value, float) else value for value in values)
+        yield dict(zip(columns, plain, strict=True))
+
+
+def _tie_features(solution: MappedImages) -> Iterator[dict[str, Any]]:
+    """Yield the tie points in the adjustment, with residuals in their images and on the map."""
+    ties = solution.registration.tie_points()
+    used = ties["used"] == 1
+    on_map = used & np.isfinite(ties["residual_east_m"])
+    in_images = used & ~on_map
+    point = ties["point"]
+    squares = ties["residual_sample_px"] ** 2 + ties["residual_line_px"] ** 2
+    count = int(point.max()) + 1
+    numbers, first = np.unique(point[used], return_index=True)
+    images = np.bincount(point[in_images], minlength=count)
+    rms_px = np.sqrt(np.bincount(point[in_images], squares[in_images], count) / np.maximum(images, 1))
+    residuals_m = np.full((2, count), np.nan)
+    residuals_m[:, point[on_map]] = ties["residual_east_m"][on_map], ties["residual_north_m"][on_map]
+    table = {
+        "point": numbers.tolist(),
+        "longitude_deg": ties["longitude_deg"][used][first].tolist(),
+        "latitude_deg": ties["latitude_deg"][used][first].tolist(),
+        "images": images[numbers].tolist(),
+        "rms_px": rms_px[numbers].tolist(),
+        "residual_east_m": residuals_m[0, numbers].tolist(),
+        "residual_north_m": residuals_m[1, numbers].tolist(),
+    }
+    for row in _rows(table):
+        yield feature("Point", [row.pop("longitude_deg"), row.pop("latitude_deg")], row)
+
+
+def _outline_feature(solution: MappedImages, frame: RegisteredFrame) -> dict[str, Any]:
+    view = solution.registration.view(frame.name)
+    side = np.linspace(0.0, 1.0, _RING_STEPS, endpoint=False)
+    zero, one = np.zeros_like(side), np.ones_like(side)
+    edges = np.vstack(
+        [np.column_stack(xy) for xy in ((side, zero), (one, side), (1 - side, one), (zero, 1 - side))]
+    )
+    angles, hits = view.ground(edges * 2.0 * frame.centre)
+    ring = np.degrees(angles[hits])
+    ring[:, 0] = np.degrees(np.unwrap(np.radians(ring[:, 0])))
+    attributes = {
+        "file": frame.name,
+        "pixel_m": frame.pixel_m,
+        "tie_points": frame.inliers,
+        "rms_px": frame.rms_px,
+    }
+    return feature("Polygon", [[*ring.tolist(), ring[0].tolist()]], attributes)

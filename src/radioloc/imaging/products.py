@@ -230,11 +230,10 @@ def _tie_features(solution: MappedImages) -> Iterator[dict[str, Any]]:
 
 def _outline_feature(solution: MappedImages, frame: RegisteredFrame) -> dict[str, Any]:
     view = solution.registration.view(frame.name)
-    side = np.linspace(0.0, 1.0, _RING_STEPS, endpoint=False)
-    zero, one = np.zeros_like(side), np.ones_like(side)
-    edges = np.vstack(
-        [np.column_stack(xy) for xy in ((side, zero), (one, side), (1 - side, one), (zero, 1 - side))]
-    )
+    part = np.linspace(0.0, 1.0, _RING_STEPS, endpoint=False)
+    first, last = np.zeros_like(part), np.ones_like(part)
+    sides = (part, first), (last, part), (1.0 - part, last), (first, 1.0 - part)
+    edges = np.hstack([np.array(side) for side in sides]).T
     angles, hits = view.ground(edges * 2.0 * frame.centre)
     ring = np.degrees(angles[hits])
     ring[:, 0] = np.degrees(np.unwrap(np.radians(ring[:, 0])))

@@ -117,7 +117,7 @@ def test_last_images_that_only_match_each_other_are_untied(base):
     assert list(statuses(result).values()) == expected
     assert result.frames[4].matched_to == ("0003.png",)
     # Feature noise on flat ground averages out: less than a tenth of a pixel is common to all points.
-    assert result.common_sigma_m < 0.1 * PIXEL_M
+    assert result.common_sigma_m < 0.1 * base.resolution_m
     with pytest.raises(InputError, match=r"0004\.png is untied"):
         result.ground_point("0004.png")
 

@@ -23,6 +23,22 @@ LONG = {
 LONG |= {"plot", "plot_images", "plot_terms", "write_html", "write_report"}
 
 
+@pytest.fixture(scope="module", autouse=True)
+def _remembered():
+    """Fit a study that several examples locate only once; solutions are immutable."""
+    fitted, locate = {}, radioloc.locate
+
+    def remembered(study, *arguments, **options):
+        if arguments or options:
+            return locate(study, *arguments, **options)
+        key = str(getattr(study, "path", study)).rpartition("examples/")[2]
+        return fitted[key] if key in fitted else fitted.setdefault(key, locate(study))
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(radioloc, "locate", remembered)
+        yield
+
+
 @pytest.fixture(autouse=True)
 def workspace(tmp_path, monkeypatch):
     """A folder that has the project's examples, to work in."""

@@ -78,6 +78,7 @@ def test_the_budget_adds_up(solution):
     assert sum(total.total_m**2 for total in wholes) == pytest.approx(np.sum(np.square(totals)))
 
 
+@pytest.mark.study
 def test_errors_in_common_cancel_between_arcs(solution):
     """A part that leads elsewhere is no wonder where considered errors move it otherwise than the whole."""
     moved_m = solution.rot_pa_to_enu.T @ [30.0, 0.0, 0.0]

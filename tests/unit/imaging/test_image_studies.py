@@ -69,6 +69,7 @@ def test_lander_is_located_within_a_pixel_of_the_map(solution):
     assert solution.position.selenographic[2] == pytest.approx(-2544.8, abs=3.0 * solution.sigma_enu_m[2])
 
 
+@pytest.mark.study
 @pytest.mark.parametrize("point", ["centre", (159.5, 159.5)])
 def test_high_last_image_widens_the_sigma_by_the_unknown_descent(some, point):
     # 0003.png is from 2.3 km, and the descent is still oblique.
@@ -86,6 +87,7 @@ def test_high_last_image_widens_the_sigma_by_the_unknown_descent(some, point):
         assert sigma_m.max() < 10.0
 
 
+@pytest.mark.study
 def test_unknown_lens_distortion_widens_the_sigma(some, solution):
     assert abs(np.divide(*solution.registration.radial_pattern_px())) < 4.0
     assert not [note for note in solution.notes if "lens distortion" in note]
@@ -98,6 +100,7 @@ def test_unknown_lens_distortion_widens_the_sigma(some, solution):
     assert widened[0, 0] > 4.0 * solution.relative_covariance_en_m2[0, 0]
 
 
+@pytest.mark.study
 def test_altitudes_agree_with_the_truth(solution):
     truth = {f["file"]: f["altitude_m"] for f in json.loads((EXAMPLE / "truth.json").read_text())["frames"]}
     assert len(solution.altitudes_m) == 10

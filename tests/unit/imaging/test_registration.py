@@ -156,6 +156,7 @@ def test_images_out_of_order_are_refused(base):
         register_chain([SHORT.list[0], SHORT.list[0]], base, map_sigma_m=MAP_M)
 
 
+@pytest.mark.study
 def test_images_in_reversed_order_are_refused(base):
     with pytest.raises(InputError, match=r"reversed order: .*0006\.png"):
         register_chain(SHORT.list[:3:-1], base, map_sigma_m=MAP_M)

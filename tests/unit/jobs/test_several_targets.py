@@ -135,6 +135,7 @@ def test_files_of_several_orbits_are_in_a_folder(joint, tmp_path):
     assert content["states"]["craft"] == content["state"]
 
 
+@pytest.mark.study
 def test_states_from_ranges_and_from_doppler_agree(scene, tmp_path):
     study = scene.study("craft")
     solutions = [

@@ -36,6 +36,7 @@ def findings(solution):
     return [(item.kind, item.name) for item in solution.consistency.found]
 
 
+@pytest.mark.study
 def test_a_station_with_a_hundredth_of_its_sigmas_is_named_and_used(tracking):
     of_station = np.array([link.receiver == "NEUQUEN" for link in tracking.links])[tracking.link]
     good = radioloc.locate(STUDY, tracking)
@@ -48,6 +49,7 @@ def test_a_station_with_a_hundredth_of_its_sigmas_is_named_and_used(tracking):
     assert np.linalg.norm(difference_m) < np.linalg.norm(good.sigma_enu_m())
 
 
+@pytest.mark.study
 @pytest.mark.parametrize(("factor", "word"), [(1.0 / 30.0, "30 times too small"), (8.0, "times too large")])
 def test_one_factor_of_all_sigmas_is_one_finding(tracking, factor, word):
     solution = radioloc.locate(STUDY, with_sigmas(tracking, factor))
@@ -57,6 +59,7 @@ def test_one_factor_of_all_sigmas_is_one_finding(tracking, factor, word):
     assert word.partition(" ")[2] in str(solution.consistency.found[0])
 
 
+@pytest.mark.study
 def test_right_sigmas_give_no_finding(tracking):
     assert findings(radioloc.locate(STUDY, tracking)) == []
 

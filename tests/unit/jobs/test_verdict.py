@@ -166,6 +166,7 @@ def test_a_split_of_two_links_of_a_station_is_told(tracking):
         assert "disagree by" not in str(radioloc.locate(study(range_bias="all", **absorbed), off))
 
 
+@pytest.mark.study
 @pytest.mark.parametrize("passes", [60, 5])
 def test_a_clock_error_is_named_whether_variance_components_settle_or_not(tracking, passes, monkeypatch):
     """50 ns of SESHAN25: the component of the delays grows for 23 fits before the station has its own."""

@@ -262,6 +262,7 @@ def test_an_a_priori_height_is_combined_with_that_of_the_map(radio, ranges):
     assert without_map_height == pytest.approx(tracking_only, rel=0.02)
 
 
+@pytest.mark.study
 def test_map_positions_are_drawn_in_each_trial(tmp_path):
     study = radioloc.read_study(EXAMPLE / "short_arc.toml")
     study = replace(

@@ -139,11 +139,11 @@ class PlaneView:
         places_m = self.plane.from_longitude_latitude(np.degrees(angles))
         pixels, visible = transformed(self.matrix, places_m), self._is_ahead(places_m)
         if self.camera is not None:
-            pixels, seen = distorted(self.camera)(np.nan_to_num(pixels))
-            visible &= seen
+            pixels, on_lens = distorted(self.camera)(np.nan_to_num(pixels))
+            visible &= on_lens
         lines, samples = self.shape
-        inside = (pixels >= -0.5) & (pixels < [samples - 0.5, lines - 0.5])
-        return pixels, np.asarray(visible & inside.all(axis=1))
+        in_image = (pixels >= -0.5) & (pixels < [samples - 0.5, lines - 0.5])
+        return pixels, np.asarray(visible & in_image.all(axis=1))
 
     def _is_ahead(self, places_m: Floats) -> Mask:
         # Points in front of a camera above the plane have a third coordinate of the sign opposite to the determinant.
@@ -207,10 +207,10 @@ def map_grid(projection: str, angles: Floats, resolution_m: float, margin_part: 
             "such as IAU_2015:30115, or a polar one"
         )
     margin_m = max(np.ptp(x), np.ptp(y)) * margin_part
-    left, right = np.floor((x.min() - margin_m) / resolution_m), np.ceil((x.max() + margin_m) / resolution_m)
-    bottom, top = np.floor((y.min() - margin_m) / resolution_m), np.ceil((y.max() + margin_m) / resolution_m)
-    corner = Affine(resolution_m, 0.0, left * resolution_m, 0.0, -resolution_m, top * resolution_m)
-    return MapGrid.of_map(crs, corner, int(top - bottom), int(right - left), MEAN_LUNAR_RADIUS_M)
+    west, east = np.floor((x.min() - margin_m) / resolution_m), np.ceil((x.max() + margin_m) / resolution_m)
+    south, north = np.floor((y.min() - margin_m) / resolution_m), np.ceil((y.max() + margin_m) / resolution_m)
+    corner = Affine(resolution_m, 0.0, west * resolution_m, 0.0, -resolution_m, north * resolution_m)
+    return MapGrid.of_map(crs, corner, int(north - south), int(east - west), MEAN_LUNAR_RADIUS_M)
 
 
 def _lunar_projection(projection: str, resolution_m: float) -> Any:

@@ -60,33 +60,12 @@ class PhysicalModel:
         sources: Sources | None = None,
         off: Iterable[str] = (),
     ) -> PhysicalModel:
-        """Open the kernels and tables.
+        """Open the kernels and tables; by default those of the package, without media that need files.
 
-        Parameters
-        ----------
-        ephemeris, libration : str or path-like
-            ``"DE421"``, which ships with the package, or the path of an SPK and of a binary PCK.
-        earth_orientation : path-like, optional
-            A C04 or finals2000A file; by default the tables of ``astropy-iers-data``.
-        eop_beyond : {"hold", "extrapolate"}, optional
-            Continuation of Earth orientation after the table (:func:`~radioloc.earth.eop_prediction.extended`); by
-            default later epochs are an error.
-        catalogue : StationCatalogue, optional
-            Stations; by default the catalogue of the package.
-        ionosphere : ElectronContent, optional
-            Source of electron content, such as IONEX maps; without it radio signals have no ionospheric delay.
-        delays : EquipmentDelays, optional
-            Delays of equipment in the data.
-        radio_atmosphere : RadioAtmosphere, optional
-            Files of VMF3 and GPT3, from :func:`~radioloc.media.radio_atmosphere.read_radio_atmosphere`.
-        media_calibrations : MediaCalibrations, optional
-            TRO and ION files of the Deep Space Network, from :func:`~radioloc.media.csp.read_csp`, for its stations.
-        free_clocks : iterable of str
-            Stations with free-running frequency standards, at the rate of proper time at their height.
-        sources : mapping of str to ndarray, optional
-            Quasars of VLBI delays, from :func:`~radioloc.measurements.sources.read_sources`.
-        off : iterable of str
-            Names of terms to switch off.
+        Arguments are the keys of ``[model]``, as the reference of the study file describes them, with what readers
+        return in place of files: `ionosphere` (:func:`~radioloc.media.read_ionex`), `radio_atmosphere`
+        (:func:`~radioloc.media.read_radio_atmosphere`), `media_calibrations` (:func:`~radioloc.media.read_csp`), and
+        `sources` (:func:`~radioloc.measurements.read_sources`).
 
         Raises
         ------

@@ -38,44 +38,27 @@ _DECIMALS = {"s": 12, "m": 4, "m_s": 7, "hz": 6, "deg": 7}
 class LightTimes(Result):
     """Light times of links at n epochs of reception; ``str()`` is a card with the first of each link.
 
-    Parameters
-    ----------
-    name : str
-        Name of the study.
-    start_utc, stop_utc : str
-        First and last requested epoch.
-    unseen : int
-        Number of omitted epochs at which a station of the link does not see the target.
-    frequency_hz : float or None
-        Received frequency without motion, Hz, for the Doppler column.
-    epoch : Epochs
-        UTC of reception at the receiving station.
-    path : Labels
-        Paths such as ``KASHI>lander>JIAMUSI`` or, one way, ``lander>KASHI``.
-    columns : dict of str to ndarray, shape (n,)
-        Columns in this order; NaN if a link has no first station:
+    Columns, in this order, NaN if a link has no first station:
 
-        - ``uplink_light_time_s``, ``downlink_light_time_s``: legs in TDB, with the delays of gravity and media.
-        - ``range_m``: round trip in the time of the station clocks, times the speed of light; one way with the
-          clock of the target.
-        - ``range_rate_m_s``: derivative of the range from the carrier phase.
-        - ``doppler_hz``: received frequency less `frequency_hz`, if given.
-        - ``transmit_...`` and ``receive_...``, of the first station at transmission and of the second at the epoch:
-          ``azimuth_deg``, ``elevation_deg`` without refraction; ``ra_deg``, ``dec_deg``, apparent, of the true equator
-          and equinox of date; ``icrs_ra_deg``, ``icrs_dec_deg``, astrometric. All are topocentric.
-    status : Labels
-        Empty, or the omitted part of the model, such as the troposphere below 3 degrees.
+    - ``uplink_light_time_s``, ``downlink_light_time_s``: legs in TDB, with the delays of gravity and media.
+    - ``range_m``: round trip in the time of the station clocks, times the speed of light; one way with the clock of the
+      target.
+    - ``range_rate_m_s``: derivative of the range from the carrier phase.
+    - ``doppler_hz``: received frequency less `frequency_hz`, if given.
+    - ``transmit_...`` and ``receive_...``, of the first station at transmission and of the second at the epoch:
+      ``azimuth_deg``, ``elevation_deg`` without refraction; ``ra_deg``, ``dec_deg``, apparent, of the true equator and
+      equinox of date; ``icrs_ra_deg``, ``icrs_dec_deg``, astrometric. All are topocentric.
     """
 
-    name: str
-    start_utc: str
-    stop_utc: str
-    unseen: int
-    frequency_hz: float | None
-    epoch: Epochs
-    path: Labels
-    columns: dict[str, NDArray[np.float64]]
-    status: Labels
+    name: str  #: of the study
+    start_utc: str  #: first requested epoch
+    stop_utc: str  #: last requested epoch
+    unseen: int  #: number of omitted epochs at which a station of the link does not see the target
+    frequency_hz: float | None  #: received frequency without motion, Hz, for the Doppler column
+    epoch: Epochs  #: UTC of reception at the receiving station, n of them
+    path: Labels  #: paths such as ``KASHI>lander>JIAMUSI`` or, one way, ``lander>KASHI``
+    columns: dict[str, NDArray[np.float64]]  #: by name, (n,)
+    status: Labels  #: empty, or the omitted part of the model, such as the troposphere below 3 degrees
 
     def __len__(self) -> int:
         return len(self.epoch)

@@ -16,41 +16,20 @@ _HEADING = ("entry", "error, m", "claim, m", "sigmas", "in 95 %", "place")
 
 @dataclass(frozen=True, slots=True)
 class Score:
-    """Score of an entry in a case.
+    """Score of an entry in a case."""
 
-    Parameters
-    ----------
-    case, program, version : str
-        Name of the case; program of the entry and its version.
-    results : int
-        Number of results that have a truth.
-    error_m : float
-        Distance from the truth, root mean square over the results, m.
-    claim_m : float or None
-        Claimed sigma of this distance, root mean square; None if a result states none.
-    sigmas : float or None
-        Root mean square error of a component, in sigmas of claim and truth together; 1 is expected.
-    covered : int or None
-        Number of results whose 95 % region contains the truth.
-    holds : bool
-        True if the errors are not larger than the claim allows.
-    source : str
-        Origin of the entry: ``"run"`` or the name of its file.
-    place : int or None
-        Place among the entries of the case whose claims hold.
-    """
-
-    case: str
-    program: str
-    version: str
-    results: int
-    error_m: float
-    claim_m: float | None
+    case: str  #: name of the case; program of the entry and its version
+    program: str  #: likewise
+    version: str  #: likewise
+    results: int  #: number of results that have a truth
+    error_m: float  #: distance from the truth, root mean square over the results, m
+    claim_m: float | None  #: claimed sigma of this distance, root mean square; None if a result states none
+    #: Root mean square error of a component, in sigmas of claim and truth together; 1 is expected.
     sigmas: float | None
-    covered: int | None
-    holds: bool
-    source: str
-    place: int | None = None
+    covered: int | None  #: number of results whose 95 % region contains the truth
+    holds: bool  #: true if the errors are not larger than the claim allows
+    source: str  #: origin of the entry: ``"run"`` or the name of its file
+    place: int | None = None  #: place among the entries of the case whose claims hold
 
     @property
     def size_m(self) -> float:
@@ -72,21 +51,11 @@ class Score:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scores(Result):
-    """Scores of all entries in one or several cases.
+    """Scores of all entries in one or several cases."""
 
-    Parameters
-    ----------
-    titles : mapping of str to str
-        Titles of the cases by name, in the order of the table.
-    rows : tuple of Score
-        Scores, those of a case in the order of their places.
-    missing : mapping of str to str
-        Reasons why studies of cases were not run, by case.
-    """
-
-    titles: Mapping[str, str]
-    rows: tuple[Score, ...]
-    missing: Mapping[str, str]
+    titles: Mapping[str, str]  #: titles of the cases by name, in the order of the table
+    rows: tuple[Score, ...]  #: scores, those of a case in the order of their places
+    missing: Mapping[str, str]  #: reasons why studies of cases were not run, by case
 
     @property
     def consistent(self) -> bool:

@@ -64,28 +64,9 @@ def tdm_observations(
 ) -> TdmReadout:
     """Make observations of one or more messages, which may complement each other.
 
-    Parameters
-    ----------
-    files : TdmFile or sequence of TdmFile
-        Messages; frequencies, clocks and weather of one hold for the measurements of all.
-    agreement : TdmAgreement
-        Conventions and sigmas that the messages leave open.
-    catalogue : StationCatalogue, optional
-        Source of station names; stations not in it keep the names of the files. With a catalogue, ranges must be
-        between Earth and Moon.
-
-    Raises
-    ------
-    FileFormatError
-        The messages lack measurements or necessary data, contradict themselves, or have a mode, path or measurement
-        that is not modelled. Has the line.
-    InputError
-        The agreement lacks a standard deviation, or one observation has two values.
-
-    Warns
-    -----
-    DataQualityWarning
-        The data of a segment are marked as degraded, or an observation is repeated, which counts once.
+    Frequencies, clocks and weather of one message hold for the measurements of all. Stations that are not in the
+    catalogue keep the names of the files. Missing or contradictory data, and modes, paths and measurements that are not
+    modelled, are a :class:`FileFormatError` with the line; degraded data are a :class:`DataQualityWarning`.
     """
     messages = [files] if isinstance(files, TdmFile) else list(files)
     if not messages:

@@ -13,7 +13,7 @@ SMOKE := tests/unit/test_package.py tests/unit/test_cli.py tests/unit/test_reade
 	tests/unit/kernels tests/unit/lunar/test_terrain_files.py tests/unit/jobs/test_trajectory_study.py \
 	tests/unit/jobs/test_monte_carlo.py tests/unit/results tests/unit/report
 
-.PHONY: demo test test-studies test-all fuzz coverage test-uncompiled test-lowest package audit lint docs notebooks bench calibration faults scaling clean
+.PHONY: demo test test-studies test-all fuzz coverage test-uncompiled test-lowest package audit lint docs notebooks bench benchmark calibration faults scaling clean
 
 $(VENV)/.installed-demo: pyproject.toml
 	$(PYTHON) -m venv $(VENV)
@@ -90,6 +90,9 @@ docs: $(VENV)/.installed-dev  ## The documentation as a site, out/docs/index.htm
 
 bench: $(VENV)/.installed-bench  ## Times, goals and ratios to other programs in one table; BENCH_ARGS are groups.
 	PYTHONPATH=tests/support OMP_NUM_THREADS=1 $(BIN)/python tests/benchmarks/bench.py $(BENCH_ARGS)
+
+benchmark: $(VENV)/.installed-demo  ## Run and score all cases of examples/benchmark: tables in out/benchmark.
+	$(BIN)/radioloc score --all examples/benchmark --out out/benchmark
 
 DRAWS ?= 300
 calibration: $(VENV)/.installed-dev  ## Draw known truths in all kinds of tracking, and hold stated sigmas against their errors: table and figure in out/calibration.

@@ -143,7 +143,7 @@ def compare(options: argparse.Namespace) -> int:
     argument("case CASE", "folder of the case, with its case.toml", Path, nargs="?"),
     argument("--all DIR", "run and score all cases in DIR instead", Path),
     JSON,
-    *output_folder("write the table to DIR: scores.md, scores.csv, scores.json"),
+    *output_folder("write the table to DIR: scores.md, scores.json"),
     examples=("results/solution.json examples/benchmark/apollo15-2006", "--all examples/benchmark"),
 )
 def score(options: argparse.Namespace) -> int:

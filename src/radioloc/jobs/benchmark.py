@@ -170,7 +170,7 @@ def score(case: str | Path, result: str | Path | Result | None = None) -> Scores
             entries = [read_entry(result, item)]
         else:
             entries = [read_entry(file, item) for file in sorted((item.folder / "entries").glob("*.[jc]s*"))]
-            if problem := item.problem():
+            if item.studies and (problem := item.problem()):
                 missing[item.name] = problem
             elif item.studies:  # in place of the recorded entry
                 entries = [recorded for recorded in entries if recorded.program != "radioloc"] + [_run(item)]

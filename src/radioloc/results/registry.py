@@ -58,7 +58,7 @@ RESULTS = Registry(
             ("accuracy_map",),
             ("accuracy_map.json", "accuracy_map.csv", "accuracy_map.tif"),
         ),
-        ResultType("scores", Scores, (), ("scores.json", "scores.csv", "scores.md")),
+        ResultType("scores", Scores, (), ("scores.json", "scores.md")),
         ResultType("leave_one_out", LeaveOneOut, (), ("leave_one_out.json", "leave_one_out.csv")),
     ),
 )

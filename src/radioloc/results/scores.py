@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from radioloc.results.cards import Card, Field, metres
-from radioloc.results.result import Content, Result, Table
+from radioloc.results.result import Content, Result
 from radioloc.results.tables import TextTable
 
 _HEADING = ("entry", "error, m", "claim, m", "sigmas", "in 95 %", "place")
@@ -73,13 +73,8 @@ class Scores(Result):
         )
 
     def files(self) -> Mapping[str, Content]:
-        """Return the table as Markdown and CSV, and all numbers."""
-        columns = {name: [asdict(row)[name] for row in self.rows] for name in Score.__dataclass_fields__}
-        return {
-            "scores.md": self.table().to_markdown(),
-            "scores.csv": Table(columns),
-            "scores.json": self.to_dict(),
-        }
+        """Return the table as Markdown, and all numbers."""
+        return {"scores.md": self.table().to_markdown(), "scores.json": self.to_dict()}
 
     def card(self) -> Card:
         """Return the card of the scores."""

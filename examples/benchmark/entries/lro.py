@@ -63,6 +63,7 @@ class Orekit:
         from org.hipparchus.geometry.euclidean.threed import Rotation, Vector3D
         from org.orekit import bodies, forces, frames, propagation, time, utils
         from org.orekit.data import DataContext, DirectoryCrawler
+        from org.orekit.files.ccsds.definitions import CelestialBodyFrame, ModifiedFrame
         from org.orekit.forces import radiation
         from org.orekit.forces.gravity import HolmesFeatherstoneAttractionModel, ThirdBodyAttraction
         from org.orekit.forces.gravity.potential import GravityFieldFactory, ICGEMFormatReader
@@ -78,23 +79,7 @@ class Orekit:
         moon = bodies.CelestialBodyFactory.getMoon()
         icrf = frames.FramesFactory.getICRF()
 
-        @jpype.JImplements("org.orekit.frames.TransformProvider", deferred=False)
-        class MoonCentre:
-            """Translation to the Moon's centre, so that the axes are those of the ICRF."""
-
-            @jpype.JOverride
-            def getTransform(self, date):  # noqa: N802
-                return frames.Transform(date, moon.getPVCoordinates(date, icrf).negate())
-
-            @jpype.JOverride
-            def getKinematicTransform(self, date):  # noqa: N802
-                return self.getTransform(date)
-
-            @jpype.JOverride
-            def getStaticTransform(self, date):  # noqa: N802
-                return self.getTransform(date)
-
-        self.frame = frames.Frame(icrf, MoonCentre(), "ICRF at the Moon's centre", True)
+        self.frame = ModifiedFrame(icrf, CelestialBodyFrame.ICRF, moon, "MOON")
         to_me = rot_pa_to_me(CONSTANTS["DE421"])
         turned = Rotation(jpype.JArray(jpype.JDouble, 2)(to_me.T.tolist()), 1e-12)
         principal = frames.FixedTransformProvider(frames.Transform(time.AbsoluteDate.J2000_EPOCH, turned))

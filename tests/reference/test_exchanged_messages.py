@@ -1,4 +1,4 @@
-"""Messages that other programs read, write again, and that are read back: nyx, brahe and Orekit, where they are installed."""
+"""Messages that nyx, brahe and Orekit read, and write again, where they are installed."""
 
 import re
 from pathlib import Path

@@ -683,7 +683,7 @@ def run(world: World, fault: Fault, seed: int) -> Outcome:
 
 def _unrevealed(solution: radioloc.Solution) -> str:
     """Return the undetected errors, and those that the data do not reveal, as the card states them."""
-    reliability = str(solution).partition("effect of an undetected error")[2]
+    reliability = str(solution).partition("of undetected errors")[2]
     return re.split(r"\n\w", reliability)[0]
 
 

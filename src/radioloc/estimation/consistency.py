@@ -39,7 +39,7 @@ from radioloc.estimation.group_tests import (
     log_probability,
     log_probability_of_ratio,
 )
-from radioloc.estimation.hypotheses import Family, Hypotheses, Hypothesis, Links, Span, passes
+from radioloc.estimation.hypotheses import TERM, Family, Hypotheses, Hypothesis, Links, Span, passes
 from radioloc.estimation.reliability import Reliability, assess_reliability
 from radioloc.estimation.series import SeriesOrder
 from radioloc.noise.whitening import Rows
@@ -135,6 +135,8 @@ class Inconsistency:
                 text = f"{factor:.0f}" if factor >= 10.0 else f"{factor:.2g}"
                 members = f" of {self.name}" if self.name else ""
                 return f"the stated sigmas{members} are about {text} times too {word}"
+            case "parameter" if kind == TERM:
+                return f"the observations contain the term {label}, which is switched off ({value:+.3g} of it fit)"
             case "parameter":
                 return f"the {parameter_label(self.name)} is {parts}, not zero"
             case "a priori":
@@ -225,6 +227,7 @@ def assess_consistency(
     epoch_utc: Epochs,
     enu_by_parameters: Floats | None,
     rejected: Sequence[Inconsistency] = (),
+    state_by_parameters: Floats | None = None,
 ) -> Consistency:
     """Test groups of observations, a-priori values, parameters held at zero, steps and offsets.
 
@@ -235,6 +238,9 @@ def assess_consistency(
         return Consistency(found=tuple(rejected))
     problem = hypotheses.problem
     search = _Search(hypotheses, epoch_utc, enu_by_parameters)
+    reliability_search = (
+        search if state_by_parameters is None else replace(search, enu_by_parameters=state_by_parameters)
+    )
     group_tests = search.groups(problem)
     groups = tuple(search.record(test) for test in group_tests)
     findings: list[_Test] = []
@@ -247,7 +253,9 @@ def assess_consistency(
         if finding.hypothesis is None:
             break
         group_tests = search.groups(problem)
-    reliability = search.reliability(hypotheses.problem.with_noise_of(problem) if findings else problem)
+    reliability = reliability_search.reliability(
+        hypotheses.problem.with_noise_of(problem) if findings else problem
+    )
     if findings and all(map(search.is_of_readmitted, findings)):
         return Consistency(groups, tuple(rejected), None, reliability)  # the rejection corrects the fault
     explained = {

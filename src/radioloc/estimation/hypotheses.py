@@ -3,7 +3,7 @@
 1. A wrong a-priori value, of an estimated or of a considered parameter: of one, of all components of a vector, and a
    common error of all members of a kind.
 2. A parameter that the fit holds at zero, of any kind of one component: of one member, common to all, or common to
-   the observations of one type.
+   the observations of one type. A term of the model that is switched off.
 3. An offset of a link, or of a station in all its links of a type, in one pass or in the whole arc.
 4. A step of such a link or station at an epoch.
 
@@ -43,6 +43,8 @@ Span = tuple[float, float] | None
 
 _MIN_READMITTED_FRACTION = 0.5  # of a series: robust editing presupposes that the majority is right
 _MIN_STEP_POINT_COUNT = 3  # points required on either side of a step
+TERM = "term"
+"""Kind of a term that is switched off."""
 ALL = "all"
 """Owner of an error that is common to all members of a kind."""
 
@@ -191,6 +193,8 @@ class Hypotheses:
                 continue
             if item.name.count(".") == 2:  # component of a vector
                 places.setdefault(item.name.rpartition(".")[0], []).append(index)
+                if PARAMETERS[item.kind].scopes[0].named:
+                    common.setdefault((item.kind, f"{ALL}.{item.name.rpartition('.')[2]}"), []).append(index)
             elif item.kind in PARAMETERS and len(PARAMETERS[item.kind].components) == 1:
                 common.setdefault((item.kind, ALL), []).append(index)
                 if item.span_utc is not None:
@@ -241,9 +245,9 @@ class Hypotheses:
         for kind, indices in groups.items():
             items = [self.candidates.parameters.parameters[index] for index in indices]
             for index, item in zip(indices, items, strict=True):
-                name = f"{kind}.{owner(item)}".rstrip(".")
+                name = item.name if kind == TERM else f"{kind}.{owner(item)}".rstrip(".")
                 yield _fixed_parameter_hypothesis(name, self.problem.candidate_columns([index]), item)
-            if len(items) == 1 and len(types) == 1:
+            if kind == TERM or (len(items) == 1 and len(types) == 1):
                 continue
             of_types = dict[str, Floats]()
             for name in sorted(types):

@@ -48,6 +48,7 @@ class Reliability:
     # of the error; None of a moving target.
     shift_m: float | None = None
     shift_per_unit_m: float | None = None
+    prior_sigma: float | None = None  # of a stated or considered a-priori value, in `unit`
 
     @property
     def revealed(self) -> bool:
@@ -59,7 +60,11 @@ class Reliability:
         content: dict[str, Any] = {"kind": self.kind, "name": self.name, "components": list(self.components)}
         content |= {"minimal_detectable": finite_or_none(self.minimal), "unit": self.unit}
         shift_m = self.shift_m if self.revealed else None
-        return content | {"shift_m": shift_m, "shift_per_unit_m": self.shift_per_unit_m}
+        return content | {
+            "shift_m": shift_m,
+            "shift_per_unit_m": self.shift_per_unit_m,
+            "prior_sigma": self.prior_sigma,
+        }
 
 
 def assess_reliability(
@@ -79,7 +84,8 @@ def assess_reliability(
     products, results, begin = problem.products(np.hstack([item.columns for item in lasting])), [], 0
     for item in lasting:
         indices = tuple(range(begin, begin := begin + item.columns.shape[1]))
-        result = Reliability(item.kind, item.name, item.components, item.unit, math.inf)
+        sigma = float(item.sigmas[0]) if item.kind == "a priori" and len(item.sigmas) == 1 else None
+        result = Reliability(item.kind, item.name, item.components, item.unit, math.inf, prior_sigma=sigma)
         if enu_by_unit is not None:
             gain = enu_by_unit @ products.gain[: enu_by_unit.shape[1], list(indices)] / item.sigmas
             result = replace(result, shift_per_unit_m=float(np.linalg.norm(gain, 2)))

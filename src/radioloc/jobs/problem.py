@@ -15,6 +15,7 @@ from radioloc.dynamics import AdjustableOrbit
 from radioloc.errors import InputError, error_context
 from radioloc.estimation.consider import Consider, ConsideredErrors, owner
 from radioloc.estimation.editing import EditedFit
+from radioloc.estimation.hypotheses import TERM
 from radioloc.estimation.linearization import ResidualFunction
 from radioloc.estimation.series import SeriesOrder, seconds_since_midnight
 from radioloc.estimation.time_correlation import fit_with_correlated_weights
@@ -26,6 +27,7 @@ from radioloc.labels import Labels
 from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.registry import KINDS
 from radioloc.measurements.target_motion import Motions
+from radioloc.measurements.terms import TERMS
 from radioloc.noise import ObservationCovariance
 from radioloc.parameters.choice import ParameterChoice, chosen_parameters, with_canonical_names
 from radioloc.parameters.columns import Columns, members
@@ -177,12 +179,7 @@ class EstimationProblem:
     ) -> ConsideredErrors | None:
         """Return the errors that stay out of the weights at parameters x of a model, those of gravity last."""
         gravity, errors = _gravity_errors(orbits, model), _errors_of(self.considered.suboptimal, model, x)
-        if gravity is None or errors is None:
-            return errors if gravity is None else gravity
-        return ConsideredErrors(
-            ParameterSet([*errors.parameters, *gravity.parameters]),
-            lambda rows: np.hstack([errors.partials(rows), gravity.partials(rows)]),
-        )
+        return _joined(errors, gravity)
 
     def candidate_errors(self, model: ObservationModel, x: NDArray[np.float64]) -> ConsideredErrors | None:
         """Return the parameters that the fit holds at zero, with a usual sigma or their scale, at parameters x."""
@@ -208,7 +205,7 @@ class EstimationProblem:
             )
             columns = chosen_parameters(kind, choice, arc, Role.CONSIDERED) if absent else None
             kinds += [] if columns is None else [columns]
-        return _errors_of(kinds, model, x)
+        return _joined(_errors_of(kinds, model, x), _term_errors(model, x))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -297,6 +294,37 @@ def _errors_of(kinds: Kinds, model: ObservationModel, x: NDArray[np.float64]) ->
     prediction, residual_m = model.predictor.predict(motions), np.zeros(0)  # residuals are not asked for
     design = DesignMatrix(errors, prediction, motions, errors.parameters.prior_values, residual_m)
     return ConsideredErrors(errors.parameters, design.partials)
+
+
+def _joined(first: ConsideredErrors | None, second: ConsideredErrors | None) -> ConsideredErrors | None:
+    """Return both sets of errors as one."""
+    if first is None or second is None:
+        return second if first is None else first
+    return ConsideredErrors(
+        ParameterSet([*first.parameters, *second.parameters]),
+        lambda rows: np.hstack([first.partials(rows), second.partials(rows)]),
+    )
+
+
+def _term_errors(model: ObservationModel, x: NDArray[np.float64]) -> ConsideredErrors | None:
+    """Return the terms that are switched off as parameters, 1 where the observations contain the term."""
+    predictor, motions = model.predictor, model.motions(x)
+    physical, effects, names = predictor.model, list[NDArray[np.float64]](), list[str]()
+    for name in TERMS:
+        if physical.has(name) or (name == "ionosphere" and physical.ionosphere is None):
+            continue
+        changed = predictor.with_model(physical.with_terms(physical.terms | {name}), motions)
+        effect_m = changed.predict(motions).value_m - predictor.predict(motions).value_m
+        if effect_m.any():
+            names.append(name)
+            effects.append(effect_m)
+    if not names:
+        return None
+    effects_m = np.nan_to_num(np.column_stack(effects))
+    items = [
+        Parameter(f"{TERM}.{name}", "1", TERM, 0.0, 1.0, scale=1.0, role=Role.CONSIDERED) for name in names
+    ]
+    return ConsideredErrors(ParameterSet(items), lambda rows: effects_m[rows])
 
 
 def _gravity_errors(orbits: GravityErrorOrbits, model: ObservationModel) -> ConsideredErrors | None:

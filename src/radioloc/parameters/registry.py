@@ -58,4 +58,6 @@ def parameter_label(name: str) -> str:
             break
     if not owner:
         return label
+    if owner == "all":
+        return f"{label} of all {kind.scopes[0].owner.value}s"
     return f"{label} of {owner}" if kind.scopes[0].named else f"{label}, session {owner}"

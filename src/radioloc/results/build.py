@@ -116,7 +116,9 @@ def build_solution(
         by_parameters = None if solution.trajectory is not None else solution.enu_by_parameters
         hypotheses = Hypotheses.of(edited, order, correlation, considered, candidates, count_s, runs)
         rejected = tuple(rejected_runs(edited, order, runs, epoch_utc, count_s))
-        tests = assess_consistency(hypotheses, epoch_utc, by_parameters, rejected)
+        is_axis = [[item.name == f"state.{axis}" for item in solution.parameters] for axis in "xyz"]
+        by_state = np.array(is_axis, dtype=np.float64) if np.any(is_axis) else None
+        tests = assess_consistency(hypotheses, epoch_utc, by_parameters, rejected, by_state)
         sigmas = () if stated_m is None else wrong_sigmas(edited, stated_m, order)
         tests = replace(tests, found=(*tests.found, *sigmas))
         solution = with_findings(replace(solution, consistency=tests))

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from radioloc.constants import SECONDS_PER_DAY
 from radioloc.estimation.consistency import Inconsistency
-from radioloc.estimation.hypotheses import ALL
+from radioloc.estimation.hypotheses import ALL, TERM
 from radioloc.estimation.reliability import POWER, Reliability
 from radioloc.estimation.statistics import Residuals, chi2_quantile
 from radioloc.labels import Labels
@@ -298,10 +298,16 @@ def reliability_lines(items: Sequence[Reliability]) -> Iterator[str]:
             sizes.append(f"{source_name(kind)} {_amount(item.minimal, item.unit)}{_owner(item)}")
     if sizes:
         yield f"smallest detectable errors (power {100 * POWER:.0f} %): {', '.join(sizes[:_MAX_KINDS])}"
-    if shifting := [(item.shift_m, item) for item in faults if item.shift_m is not None and item.revealed]:
-        shift_m, item = max(shifting, key=lambda pair: pair[0])
-        size = _amount(item.minimal, item.unit)
-        yield f"largest effect of an undetected error: {metres(shift_m)} m ({_name(item)}, {size})"
+    largest: dict[str, tuple[float, Reliability]] = {}
+    for item in sorted(faults, key=lambda fault: -(fault.shift_m or 0.0)):
+        if item.revealed and item.shift_m:
+            largest.setdefault(item.kind if item.kind == "offset" else _kind(item), (item.shift_m, item))
+    if largest:
+        effects = [
+            f"{metres(shift_m)} m ({_name(item)}, {_amount(item.minimal, item.unit)})"
+            for shift_m, item in list(largest.values())[:_MAX_KINDS]
+        ]
+        yield f"largest effects of undetected errors: {', '.join(effects)}"
     if hidden := [text for item in faults if not item.revealed for text in _hidden(item)]:
         yield f"not revealed: {', '.join(first_lines(hidden, _MAX_HIDDEN))}"
 
@@ -309,7 +315,7 @@ def reliability_lines(items: Sequence[Reliability]) -> Iterator[str]:
 def _is_fault(item: Reliability) -> bool:
     """Return whether an error is that of a station, link, target or stated value, not of Earth, Moon or a type."""
     kind, _, owner = item.name.partition(".")
-    return owner not in KINDS and (kind not in PARAMETERS or PARAMETERS[kind].scopes[0].named)
+    return owner not in KINDS and kind != TERM and (kind not in PARAMETERS or PARAMETERS[kind].scopes[0].named)
 
 
 def _hidden(item: Reliability) -> Iterator[str]:
@@ -323,7 +329,8 @@ def _hidden(item: Reliability) -> Iterator[str]:
         factor, unit = 1.0, item.unit
         if unit == "s":
             factor, unit = (1e-9, "ns") if PARAMETERS[kind].scale < _TIME_UNITS[0][0] else (1e-3, "ms")
-        yield f"{_name(item)} ({metres(factor * effect_m)} m of position per {unit})"
+        considered = f", sigma {item.prior_sigma / factor:.3g} {unit}" if item.prior_sigma else ""
+        yield f"{_name(item)} ({metres(factor * effect_m)} m of position per {unit}{considered})"
 
 
 def _kind(item: Reliability) -> str:

@@ -23,7 +23,7 @@ from radioloc.estimation.editing import (
 from radioloc.estimation.status import Doubt, FitStatus
 from radioloc.estimation.variance_components import fit_with_variance_components
 from radioloc.jobs.mistakes import with_mistake
-from radioloc.jobs.notes import limitations_of, notes_of, provenance
+from radioloc.jobs.notes import axes_doubts, limitations_of, notes_of, provenance
 from radioloc.jobs.one_thread import on_one_blas_thread
 from radioloc.jobs.orbit_start import initial_orbit
 from radioloc.jobs.preparation import known_positions, prepared_arc, with_model_of_caller
@@ -256,6 +256,8 @@ def _completed(fitted: _Fitted, solution: Solution, left_out: dict[str, int]) ->
     considered = None if solution.consider is None else solution.consider.parameters
     notes += notes_of(study, arc, left_out, estimate, fitted.edited, solution.position_pa_m, considered)
     notes += problem.considered.notes
+    if model.place_indices:
+        notes += axes_doubts(study, solution, constants)
     if estimate is not None:
         moved_m = np.linalg.norm(positions_pa_m(fitted.motions) - positions_pa_m(problem.start), axis=-1)
         notes += search_hints(study, solution, float(moved_m.max()))

@@ -33,6 +33,7 @@ from radioloc.parameters.choice import chosen_keys
 from radioloc.parameters.parameter import Parameter, ParameterSet, Role
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.results.cards import metres, plural
+from radioloc.results.solution import Solution
 from radioloc.study.identity import spacecraft_doubts
 from radioloc.study.record import plain, study_origin, versions
 from radioloc.study.study import EstimateChoice, Study, TerrainPrior
@@ -40,6 +41,9 @@ from radioloc.targets.design import orbits_of
 from radioloc.time import utc_strings
 
 _EQUATOR_M_S = 465.1  # Speed of a station on the Earth's equator
+_MIN_AXES_IMPROVEMENT = (
+    3.0  # Ratio of distances; principal and mean-Earth axes are about 0.8 km apart on the ground
+)
 _MIN_ROUGHNESS_RATIO = 1.5  # Ratio of sigmas from the roughness at two positions that a note reports
 # Part of the squared residuals by motion within intervals of process noise; beyond it sigmas are 1.8 times too small.
 _MAX_PROCESS_PART = 0.5
@@ -191,6 +195,28 @@ def _terrain_doubt(
             f"the a-priori position; at the estimate it would be {estimate_m:.3g} m: give the estimate as [target] and "
             "fit again"
         )
+
+
+def axes_doubts(study: Study, solution: Solution, constants: EphemerisConstants) -> Iterator[str]:
+    """Yield a warning for each stated place that agrees with the estimate in other lunar axes than stated."""
+    several, estimate = len(solution.targets) > 1, solution.with_findings() or solution
+    places = [("a-priori position", prior.target, prior.mean) for prior in study.estimate.position_priors]
+    if not several:
+        known_places = (() if study.reference is None else (study.reference,)) + study.references
+        places += [(f"reference {item.name}", "", item.position) for item in known_places]
+    rot = rot_pa_to_me(constants)
+    for name, target, position in places:
+        axes, turn = ("principal", rot) if position.frame.startswith("ME") else ("mean-Earth", rot.T)
+        located_m = (estimate.of_target(target) if several else estimate).position_pa_m
+        stated_m = position.to_axes("PA", constants).xyz_m
+        distance_m, turned_m = (
+            float(np.linalg.norm(xyz_m - located_m)) for xyz_m in (stated_m, turn @ stated_m)
+        )
+        if _MIN_AXES_IMPROVEMENT * turned_m < distance_m:
+            yield (
+                f"WARNING: {name} is {metres(distance_m)} m from the estimate, but {metres(turned_m)} m if its "
+                f"coordinates are in {axes} axes: check its axes"
+            )
 
 
 def _radio_stations(arc: Predictor) -> list[Station]:

@@ -1,7 +1,7 @@
 """Some cells of the benchmark of faults, so that its worlds, faults and classes stay in use (`make faults`)."""
 
 import pytest
-from fault_worlds import world
+from fault_worlds import REAL, world
 from tracking_faults import FAULTS, NO_FAULT, OUTCOMES, run
 
 BY_NAME = {fault.name: fault for fault in FAULTS}
@@ -27,6 +27,25 @@ def test_values_in_single_precision_are_refused_by_name():
 def test_benchmark_has_enough_faults_and_cells():
     assert len(FAULTS) == len(BY_NAME) >= 40
     assert sum(len(fault.worlds) for fault in FAULTS) >= 150
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("place", "name"),
+    [
+        ("dsn", "troposphere switched off"),
+        ("dsn", "stations exchanged"),
+        ("vlbi", "all stations 30 m up"),
+        ("vlbi", "link reversed"),
+        *(
+            pytest.param("grail", name, marks=pytest.mark.skipif(not REAL.is_dir(), reason="no files"))
+            for name in ("tags in TDB", "half of the count interval")
+        ),
+    ],
+)
+@pytest.mark.filterwarnings("ignore:.*records are left out")
+def test_culprit_is_the_first_of_the_findings(place, name):
+    assert run(world(place), BY_NAME[name], 0).place == 0
 
 
 def test_term_that_is_switched_off_is_named_in_the_notes():

@@ -6,11 +6,13 @@ from radioloc.estimation.reliability import Reliability
 from radioloc.results.fit_card import reliability_lines
 
 
-def item(name, minimal, unit="m", *, shift_m=1.0, per_unit_m=1.0, kind="parameter", components=("",)):
-    return Reliability(kind, name, components, unit, minimal, shift_m, per_unit_m)
+def item(
+    name, minimal, unit="m", *, shift_m=1.0, per_unit_m=1.0, kind="parameter", components=("",), sigma=None
+):
+    return Reliability(kind, name, components, unit, minimal, shift_m, per_unit_m, sigma)
 
 
-def test_the_smallest_error_of_each_kind_and_the_largest_effect_are_named():
+def test_the_smallest_error_and_the_largest_effect_of_each_kind_are_named():
     sizes, effect, hidden = reliability_lines(
         [
             item("range_bias.A", 4.0, shift_m=20.0),
@@ -19,15 +21,17 @@ def test_the_smallest_error_of_each_kind_and_the_largest_effect_are_named():
             item("moon_position.radial", 500.0, shift_m=400.0),  # no fault of a station, link or target
             item("range_bias.range", 1.0),  # of a type
             item("time_bias.all", 5e-3, "s", shift_m=120.0),
-            item("transponder_delay", math.inf, "s", per_unit_m=1.5e8),
+            item("transponder_delay", math.inf, "s", per_unit_m=1.5e8, sigma=1e-8),
+            item("term.troposphere", 0.1, "1", shift_m=500.0),  # switched off by the user
         ]
     )
     assert (
         sizes
         == "smallest detectable errors (power 80 %): clock 2 ns (C), range bias 3 m (B), time bias 5 ms (common)"
     )
-    assert effect.endswith("120 m (common time bias, 5 ms)")
-    assert hidden == "not revealed: transponder delay (0.150 m of position per ns)"
+    effects = "120 m (common time bias, 5 ms), 20.0 m (range bias of A, 4 m), 1.00 m (clock of C, 2 ns)"
+    assert effect == f"largest effects of undetected errors: {effects}"
+    assert hidden == "not revealed: transponder delay (0.150 m of position per ns, sigma 10 ns)"
 
 
 def test_hidden_errors_without_effect_on_the_position_are_not_named():

@@ -315,7 +315,9 @@ def reliability_lines(items: Sequence[Reliability]) -> Iterator[str]:
 def _is_fault(item: Reliability) -> bool:
     """Return whether an error is that of a station, link, target or stated value, not of Earth, Moon or a type."""
     kind, _, owner = item.name.partition(".")
-    return owner not in KINDS and kind != TERM and (kind not in PARAMETERS or PARAMETERS[kind].scopes[0].named)
+    return (
+        owner not in KINDS and kind != TERM and (kind not in PARAMETERS or PARAMETERS[kind].scopes[0].named)
+    )
 
 
 def _hidden(item: Reliability) -> Iterator[str]:

@@ -8,20 +8,22 @@ import tempfile
 import weakref
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from radioloc.errors import InputError, require_type
+from radioloc.errors import ConvergenceError, InputError, require_type
 from radioloc.imaging.cameras import altitude_m
 from radioloc.imaging.frames import find_mask, read_frame, read_mask
 from radioloc.imaging.homography import transformed
 from radioloc.imaging.image_chain import Frame
+from radioloc.imaging.map_choice import ellipse_of, find_candidates, sun_notes
 from radioloc.imaging.point_location import FRAME, ground_at, locate_point, locate_stereo, provenance_of
 from radioloc.imaging.registration import RegisteredFrame, Registration, register_chain
 from radioloc.imaging.shading import sun_over_map, write_shaded_map
-from radioloc.imaging.solution import ImageSolution, PointSolution
+from radioloc.imaging.solution import ImageSolution, MapResult, PointSolution
 from radioloc.imaging.study import (
     CameraChoice,
     ImageChoice,
@@ -80,12 +82,11 @@ def locate_images(
         return locate_stereo(study) if isinstance(study.chosen, StereoChoice) else locate_point(study)
     chosen = study.images
     if not chosen.shade:
-        assert chosen.base_map is not None
-        return _locate_lander(study, chosen.base_map, progress)
+        return _locate_on_maps(study, progress)
     scratch = Path(tempfile.mkdtemp(prefix="radioloc-"))
     try:
         shaded, note = _shaded_map(chosen, scratch)
-        solution = _locate_lander(study, shaded, progress, note)
+        solution = _locate_lander(study, Map.open(shaded), progress, (note,))
     except BaseException:
         shutil.rmtree(scratch, ignore_errors=True)
         raise
@@ -94,9 +95,32 @@ def locate_images(
     return solution
 
 
-def _locate_lander(study: ImageStudy, base_map: Path, progress: bool, *notes: str) -> ImageSolution:
+def _locate_on_maps(study: ImageStudy, progress: bool) -> ImageSolution:
+    """Locate the lander on each map that covers the region of the a-priori solution; the first converged one leads."""
+    region = None if study.images.near is None else ellipse_of(dict(read_recorded(study.images.near)))
+    candidates = find_candidates(study.images, region)
+    results: list[MapResult] = []
+    for candidate in candidates:
+        base = candidate.base
+        try:
+            solution, status = _locate_lander(study, base, progress, sun_notes([candidate])), "converged"
+            status = solution.message or status
+        except ConvergenceError as error:
+            if len(candidates) == 1:
+                raise
+            solution, status = None, str(error)
+        results.append(
+            MapResult(base.path.name, base.resolution_m, candidate.sun_difference_deg, status, solution)
+        )
+    located = [result.solution for result in results if result.solution is not None]
+    if not located:
+        raise ConvergenceError("; ".join(result.status for result in results))
+    leading = next((solution for solution in located if solution.converged), located[0])
+    return leading if len(results) == 1 else replace(leading, maps=tuple(results))
+
+
+def _locate_lander(study: ImageStudy, base: Map, progress: bool, notes: tuple[str, ...]) -> ImageSolution:
     chosen = study.images
-    base = Map.open(base_map)
     camera = None if study.camera is None else study.camera.camera
     frames = [
         Frame(name, partial(read_frame, path), camera)
@@ -126,7 +150,7 @@ def _shaded_map(chosen: ImageChoice, folder: Path) -> tuple[Path, str]:
     """Write the elevation model as a shaded map; return its path and a note about the Sun."""
     assert chosen.dem is not None
     if chosen.epoch is not None:
-        azimuth_deg, elevation_deg = sun_over_map(chosen.dem, chosen.epoch)
+        azimuth_deg, elevation_deg = sun_over_map(Map.open(chosen.dem), chosen.epoch)
     else:
         assert chosen.sun_azimuth_deg is not None
         assert chosen.sun_elevation_deg is not None
@@ -222,7 +246,7 @@ def _solution(
         altitudes,
         {reference.name: reference.position for reference in study.references},
         (*map_notes, *notes),
-        provenance_of(study.path, chosen.files, (chosen.base_map, chosen.dem, chosen.mask, chosen.near)),
+        provenance_of(study.path, chosen.files, (*chosen.base_maps, chosen.dem, chosen.mask, chosen.near)),
         dict(zip(_names(chosen.files), chosen.files, strict=True)),
     )
 

@@ -91,15 +91,14 @@ def write_shaded_map(
             file.write(band, 1, window=window)
 
 
-def sun_over_map(dem: str | Path, epoch: Epochs) -> tuple[float, float]:
-    """Return azimuth and elevation of the Sun, deg, at the middle of an elevation model at an epoch, UTC (DE421)."""
-    base = Map.open(dem)
+def sun_over_map(base: Map, epoch: Epochs) -> tuple[float, float]:
+    """Return azimuth and elevation of the Sun, deg, at the middle of a map at an epoch, UTC (DE421)."""
     east, north, up = base.plane().axes() @ sun_me_m(epoch)[0] - [0.0, 0.0, MEAN_LUNAR_RADIUS_M]
     elevation_deg = math.degrees(math.atan2(up, math.hypot(east, north)))
     if elevation_deg <= 0.0:
         raise InputError(
             f"at {utc_strings(epoch, 0)[0]} UTC the Sun is {-elevation_deg:.1f} degrees below the horizon at the "
-            f"middle of {dem}; give the epoch of the images"
+            f"middle of {base.path}; give the epoch of its image"
         )
     return math.degrees(math.atan2(east, north)) % 360.0, elevation_deg
 

@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -202,6 +202,49 @@ class PointSolution(_ImageResult):
         return self._card(sigma, *self.fields, self._reference_field())
 
 
+class MapResult(NamedTuple):
+    """Location on one of several base maps."""
+
+    map_name: str
+    pixel_m: float
+    sun_difference_deg: float | None  # of azimuth, from the images
+    status: str
+    solution: ImageSolution | None
+
+    def row(self, leading: ImageSolution) -> dict[str, Any]:
+        """Return the position, and its difference from that of the leading map.
+
+        `misfit_sigmas` is the difference in its standard deviations by the errors of both maps and registrations.
+        """
+        content: dict[str, Any] = {"map": self.map_name, "pixel_m": self.pixel_m, "status": self.status}
+        content["sun_difference_deg"] = self.sun_difference_deg
+        solution = self.solution
+        if solution is None:
+            return content
+        place = solution.position.selenographic
+        *_, west_m, north_m, up_m = difference(place, leading.position.selenographic)
+        offset_m = np.array([-west_m, north_m])
+        # Errors after the last image, of the lens and of the height are common to both.
+        total = sum(
+            (
+                part.registration.ground_point(part.registered[-1].name).covariance_m2
+                for part in (solution, leading)
+            ),
+            np.zeros((2, 2)),
+        )
+        is_leading = solution.base.path == leading.base.path
+        return {
+            **content,
+            "served": is_leading,
+            **dict(zip(GEOGRAPHIC, place, strict=True)),
+            "sigma": by_axis(EAST_NORTH_UP, solution.sigma_enu_m),
+            "difference": by_axis(EAST_NORTH_UP, (-west_m, north_m, up_m)),
+            "misfit_sigmas": 0.0
+            if is_leading
+            else float(np.sqrt(offset_m @ np.linalg.solve(total, offset_m))),
+        }
+
+
 @dataclass(frozen=True, slots=True, eq=False, weakref_slot=True, repr=False)
 class ImageSolution(_ImageResult, MappedImages):
     """Position of a lander by its descent images, and the registration of each image."""
@@ -224,6 +267,7 @@ class ImageSolution(_ImageResult, MappedImages):
     notes: tuple[str, ...] = ()
     provenance: Mapping[str, Any] = field(default_factory=dict)
     paths: Mapping[str, Path] = field(default_factory=dict)  #: likewise
+    maps: tuple[MapResult, ...] = ()  #: results on all maps of a study with several
 
     @property
     def wrms_m(self) -> float:
@@ -261,7 +305,8 @@ class ImageSolution(_ImageResult, MappedImages):
             "by_station": {},
         }
         images = [self._image(frame) for frame in self.registration.frames]
-        return self._content("images", biases={}, considered=considered, fit=fit, images=images)
+        maps = [result.row(self) for result in self.maps]
+        return self._content("images", biases={}, considered=considered, fit=fit, images=images, maps=maps)
 
     def files(self) -> Mapping[str, Content]:
         """Return all numbers as ``solution.json``, and the files for geographic information systems."""
@@ -329,10 +374,28 @@ class ImageSolution(_ImageResult, MappedImages):
         fields = (
             Field("1 sigma", sigma),
             self._reference_field(),
+            self._maps_field(),
             images,
             Field("not registered", unregistered),
         )
         return self._card(*fields)
+
+    def _maps_field(self) -> Field:
+        """Return the table of positions on several maps."""
+        header = ("map", "pixel, m", "longitude", "latitude", "east, m", "north, m", "sigmas")
+        rows = []
+        for row in (result.row(self) for result in self.maps):
+            numbers: tuple[str, ...] = ("-",) * 5
+            if "difference" in row:
+                numbers = (
+                    f"{row['longitude_deg']:.6f}",
+                    f"{row['latitude_deg']:.6f}",
+                    *(metres(row["difference"][f"{axis}_m"]) for axis in ("east", "north")),
+                    f"{row['misfit_sigmas']:.2f}",
+                )
+            rows.append((row["map"], f"{row['pixel_m']:.3g}", *numbers))
+        served = (f"{self.map_name} served; differences are from its position",) if rows else ()
+        return Field("maps", served, header, rows)
 
     def _row(self, frame: RegisteredFrame) -> tuple[str, ...]:
         numbers = ("-", "-", "-", "-")

@@ -15,7 +15,7 @@ from radioloc.lunar.selenographic import require_lunar_height
 from radioloc.study.schema import Hints, TomlTable, check, entry, keys_of, source_of, toml_content
 from radioloc.study.study import Reference
 from radioloc.study.target_file import references_of
-from radioloc.time import Epochs
+from radioloc.time import Epochs, epochs_from_strings
 
 if TYPE_CHECKING:
     from radioloc.imaging.cameras import Camera
@@ -44,7 +44,8 @@ class ImageChoice(GroundChoice):
 
     files: tuple[Path, ...]
     base_map_sigma_m: tuple[float, float] = entry(not_negative=True)  # east, north; common to all points
-    base_map: Path | None = None
+    base_map: Path | tuple[Path, ...] | None = None
+    base_map_epochs: tuple[str, ...] = ()  # UTC, of the images of each map, for its Sun
     mask: Path | None = None  # white for pixels of the ground
     point: str | tuple[float, float] = "centre"  # of the last frame
     point_sigma_px: float = entry(1.0, not_negative=True)
@@ -66,8 +67,24 @@ class ImageChoice(GroundChoice):
             raise InputError("shade needs either epoch, or sun_azimuth_deg and sun_elevation_deg")
         if self.shade and self.base_map is not None:
             raise InputError("give either base_map or shade = true, not both")
+        if self.base_map_epochs:
+            epochs_from_strings(list(self.base_map_epochs), "UTC")
+            if len(self.base_map_epochs) != len(self.base_maps):
+                raise InputError(
+                    f"base_map_epochs: expected {len(self.base_maps)}, one for each base map, got "
+                    f"{len(self.base_map_epochs)}"
+                )
+            if self.epoch is None and self.sun_azimuth_deg is None:
+                raise InputError("base_map_epochs needs the epoch of the images, or sun_azimuth_deg")
         if isinstance(self.point, str) and self.point != "centre":
             raise InputError(f'point: expected "centre" or [sample, line], got {self.point!r}')
+
+    @property
+    def base_maps(self) -> tuple[Path, ...]:
+        """All base maps."""
+        if self.base_map is None:
+            return ()
+        return self.base_map if isinstance(self.base_map, tuple) else (self.base_map,)
 
 
 @dataclass(frozen=True, slots=True)

@@ -80,7 +80,7 @@ def test_sun_of_an_epoch_agrees_with_support_data_of_real_images(tmp_path, name)
         )
     )
     utc = to_scale(Epochs.from_tdb_seconds([support.epoch_tdb_s]), "UTC")
-    sun_azimuth_deg, sun_elevation_deg = sun_over_map(tmp_path / "dem.tif", utc)
+    sun_azimuth_deg, sun_elevation_deg = sun_over_map(Map.open(tmp_path / "dem.tif"), utc)
     assert sun_elevation_deg == pytest.approx(elevation_deg, abs=ABERRATION_DEG)
     assert sun_azimuth_deg == pytest.approx(
         azimuth_deg % 360.0, abs=ABERRATION_DEG / np.cos(np.radians(sun_elevation_deg))
@@ -90,4 +90,4 @@ def test_sun_of_an_epoch_agrees_with_support_data_of_real_images(tmp_path, name)
 def test_epoch_at_night_is_refused(tmp_path):
     GROUND.write_heights(tmp_path / "dem.tif", 100.0, 1000.0)
     with pytest.raises(InputError, match="degrees below the horizon"):
-        sun_over_map(tmp_path / "dem.tif", epochs_from_strings("2020-12-20", "UTC"))
+        sun_over_map(Map.open(tmp_path / "dem.tif"), epochs_from_strings("2020-12-20", "UTC"))

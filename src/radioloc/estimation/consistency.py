@@ -308,8 +308,7 @@ class _Search:
 
     def groups(self, problem: BinnedProblem) -> list[_Test]:
         """Test the removal of each link, type, station and pass of a station."""
-        order, width = self.hypotheses.order, self.hypotheses.units[1]
-        codes = self.hypotheses.codes
+        order, codes = self.hypotheses.order, self.hypotheses.codes
         groups: dict[tuple[str, str], Links] = {
             ("link", order.series[code].name): {code: 1.0} for code in codes
         }
@@ -325,7 +324,7 @@ class _Search:
                 selections.append((kind, name, links, None))
         tests = []
         for kind, name, links, span_s in selections:
-            columns = problem.columns(links, span_s or (-np.inf, np.inf), width)
+            columns = problem.removal(links, span_s or (-np.inf, np.inf))
             verdict = problem.test(columns, links)
             if verdict is not None:
                 log_count = _log_test_count(len(selections))
@@ -524,15 +523,16 @@ def _is_named_otherwise(test: _Test, products: ScoreProducts, tests: list[_Test]
     if len(test.indices) > 1:
         return False
     [k] = test.indices
-    information, rank, owner = products.information, _KINDS.index(test.kind), test.name.partition(".")[2]
+    rank, owner = _KINDS.index(test.kind), test.name.partition(".")[2]
     specific = []
     for item in tests:
         same_owner = item.kind == test.kind == "parameter" and item.name.partition(".")[2] == owner
         precedes = _KINDS.index(item.kind) < rank or (same_owner and item.indices < test.indices)
         if len(item.indices) == 1 and precedes:
             specific.append(item.indices[0])
-    squares = information[k, specific] ** 2
-    return bool((squares > _MIN_SAME_EFFECT * information[k, k] * information[specific, specific]).any())
+    squares = products.information([k], specific)[0] ** 2
+    limits = _MIN_SAME_EFFECT * products.variances([k]) * products.variances(specific)
+    return bool((squares > limits).any())
 
 
 def _log_odds(test: _Test) -> float:

@@ -16,7 +16,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +29,6 @@ from radioloc.estimation.series import IndependentSeries, SeriesOrder, add_rows,
 from radioloc.estimation.time_correlation import ABSORBED_SIGMAS, mixed_units
 from radioloc.labels import changed
 from radioloc.noise.whitening import Blocks, Diagonal, Rows, RowsOf, Structure, column
-from radioloc.units import set_fields
 from radioloc.vectors import Floats
 
 # Smallest fraction of a column outside the span of the design matrix; less is rounding.
@@ -53,7 +53,7 @@ class Verdict:
     inflation: float = 1.0  # variance factor of the common errors of links
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class BinnedProblem:
     """Least-squares problem of n points, means of bins of observations, and k a-priori values."""
 
@@ -67,29 +67,42 @@ class BinnedProblem:
     candidates: Floats  # (m, h), change by one sigma of parameters that the fit holds at zero
     roots: tuple[Floats, ...]  # L of each series of points, V^-1 = L^T L
     white: tuple[float, ...] = ()  # white variance of each series
-    residual: Floats = field(init=False)  # (n + k,), whitened residuals after the estimate
-    whitened: Floats = field(init=False)  # (n + k, c), whitened partials
-    weighted: Floats = field(init=False)  # (n + k, 1 + c), residuals and partials times V^-1
-    inverse: Floats = field(init=False)  # (c, c), inverse of the normal matrix
-    estimate: Floats = field(init=False)  # (c,), change of the parameters
 
-    def __post_init__(self) -> None:
+    @cached_property
+    def _both(self) -> tuple[Floats, Floats]:
+        """Residuals and partials (n + k, 1 + c), whitened, and times V^-1."""
         whitened = np.concatenate([np.column_stack([self.points.residual, self.points.unit]), self.prior])
         weighted = whitened.copy()
         for k, root in enumerate(self.roots):
             part = self.points.of(k)
             whitened[part] = root @ whitened[part]
             weighted[part] = root.T @ whitened[part]
-        inverse = _scaled_inverse(whitened[:, 1:].T @ whitened[:, 1:])
-        estimate = inverse @ (whitened[:, 1:].T @ whitened[:, 0])
-        set_fields(
-            self,
-            residual=whitened[:, 0] - whitened[:, 1:] @ estimate,
-            whitened=whitened[:, 1:],
-            weighted=weighted,
-            inverse=inverse,
-            estimate=estimate,
-        )
+        return whitened, weighted
+
+    @property
+    def whitened(self) -> Floats:
+        """Whitened partials, (n + k, c)."""
+        return self._both[0][:, 1:]
+
+    @property
+    def weighted(self) -> Floats:
+        """Residuals and partials times V^-1, (n + k, 1 + c)."""
+        return self._both[1]
+
+    @cached_property
+    def inverse(self) -> Floats:
+        """Inverse of the normal matrix, (c, c)."""
+        return _scaled_inverse(self.whitened.T @ self.whitened)
+
+    @cached_property
+    def estimate(self) -> Floats:
+        """Change of the parameters, (c,)."""
+        return np.asarray(self.inverse @ (self.whitened.T @ self._both[0][:, 0]))
+
+    @cached_property
+    def residual(self) -> Floats:
+        """Whitened residuals after the estimate, (n + k,)."""
+        return np.asarray(self._both[0][:, 0] - self.whitened @ self.estimate)
 
     @classmethod
     def of(
@@ -147,32 +160,36 @@ class BinnedProblem:
             white.append(series_noise.white)
             identity, width_s = np.eye(part.stop - part.start), float(points.width_s[k])
             roots.append(series_noise.whitened(points.step_s[part], points.gain[part], identity, width_s))
-        whitened_problem = replace(self, roots=tuple(roots))
+        whitened_problem = replace(self, roots=tuple(roots), white=tuple(white))
         spreads = [_spread(whitened_problem.residual[points.of(k)]) for k in range(len(roots))]
+        if max(spreads) == 1.0:
+            return whitened_problem
         return replace(
             self,
             roots=tuple(root / math.sqrt(spread) for root, spread in zip(roots, spreads, strict=True)),
             white=tuple(variance * spread for variance, spread in zip(white, spreads, strict=True)),
         )
 
-    def columns(
-        self,
-        links: Mapping[int, float],
-        span_s: tuple[float, float] = (-np.inf, np.inf),
-        parameters: int = 0,
-    ) -> Floats:
-        """Columns of links in an interval: constants times signs, or partials by the first parameters."""
-        indices, place, sign = self._rows_of(links)
-        time_s = self.points.time_s[place]
-        in_span = (time_s >= span_s[0]) & (time_s <= span_s[1])
-        indices, place, sign = indices[in_span], place[in_span], sign[in_span]
-        values = (
-            self.values[indices, 1 : 1 + parameters]
-            if parameters
-            else sign[:, None] * self.values[indices, :1]
-        )
-        columns = np.zeros((len(self.whitened), values.shape[1]))
-        np.add.at(columns, place, values)
+    def columns(self, links: Mapping[int, float], span_s: tuple[float, float] = (-np.inf, np.inf)) -> Floats:
+        """Column of constants times signs of links in an interval, (n + k, 1)."""
+        indices, place, sign = self._rows_of(links, span_s)
+        columns = np.zeros((len(self.whitened), 1))
+        np.add.at(columns, place, sign[:, None] * self.values[indices, :1])
+        return columns
+
+    def removal(self, links: Mapping[int, float], span_s: tuple[float, float] = (-np.inf, np.inf)) -> Floats:
+        """Columns that take links in an interval out of the fit: independent combinations of their partials.
+
+        There are no more of them than points, whatever the number of parameters.
+        """
+        indices, place, _ = self._rows_of(links, span_s)
+        rows, index = np.unique(place, return_inverse=True)
+        values = np.zeros((len(rows), self.values.shape[1] - 1))
+        np.add.at(values, index, self.values[indices, 1:])
+        size = np.linalg.norm(values, axis=0)
+        vectors, sizes, _ = np.linalg.svd(values[:, size > 0.0] / size[size > 0.0], full_matrices=False)
+        columns = np.zeros((len(self.whitened), int((sizes**2 > _MIN_SQUARE_FRACTION).sum())))
+        columns[rows] = vectors[:, : columns.shape[1]]
         return columns
 
     def candidate_columns(self, indices: Sequence[int], codes: Iterable[int] | None = None) -> Floats:
@@ -192,11 +209,15 @@ class BinnedProblem:
             np.repeat(self.points.width_s, np.diff(self.points.begin))[self._rows_of(links)[1]].max()
         )
 
-    def _rows_of(self, links: Mapping[int, float]) -> tuple[NDArray[np.intp], NDArray[np.intp], Floats]:
-        """Rows of some links with their points and signs."""
+    def _rows_of(
+        self, links: Mapping[int, float], span_s: tuple[float, float] = (-np.inf, np.inf)
+    ) -> tuple[NDArray[np.intp], NDArray[np.intp], Floats]:
+        """Rows of some links in an interval, with their points and signs."""
         signs = np.full(int(self.code.max()) + 1, np.nan)
         signs[list(links)] = list(links.values())
         indices = np.flatnonzero(~np.isnan(signs[self.code]))
+        time_s = self.points.time_s[self.place[indices]]
+        indices = indices[(time_s >= span_s[0]) & (time_s <= span_s[1])]
         return indices, self.place[indices], signs[self.code[indices]]
 
     def _series_with(self, columns: Floats) -> Iterator[tuple[slice, Floats]]:
@@ -211,20 +232,27 @@ class BinnedProblem:
 
     def products(self, columns: Floats) -> ScoreProducts:
         """Products of columns (n + k, w) for tests of any of them."""
-        z = columns.copy()
+        from scipy.sparse import csr_array
+
+        # Most columns are of a few points.
+        z = columns.copy(order="F")
         for part, root in self._series_with(columns):
-            z[part] = root @ columns[part]
-        products = columns.T @ self.weighted
+            nonzero = np.flatnonzero(columns[part].any(axis=0))
+            z[part, nonzero] = root @ columns[part, nonzero]
+        products = np.asarray(csr_array(columns).T @ self.weighted)
         with_partials = products[:, 1:]
         score, gain = products[:, 0] - with_partials @ self.estimate, self.inverse @ with_partials.T
-        squares = z.T @ z
-        return ScoreProducts(self, z, score, squares - with_partials @ gain, np.sqrt(np.diag(squares)), gain)
+        return ScoreProducts(self, z, score, with_partials, np.linalg.norm(z, axis=0), gain)
 
-    def inflation(self, residual: Floats, links: Mapping[int, float]) -> float:
-        """Variance factor of the common errors of links, 1 if they are independent."""
+    def inflation(self, links: Mapping[int, float], shift: Floats, effect: Floats) -> float:
+        """Variance factor of the common errors of links, 1 if they are independent.
+
+        Residuals are those after a shift of the parameters (c,) and a further effect (n + k,).
+        """
         _, place, sign = self._rows_of(links)
+        residual = self.residual[place] - self.whitened[place] @ shift - effect[place]
         epoch = np.unique(self.points.time_s[place], return_inverse=True)[1]
-        return _spread(np.bincount(epoch, sign * residual[place]) / np.sqrt(np.bincount(epoch)))
+        return _spread(np.bincount(epoch, sign * residual) / np.sqrt(np.bincount(epoch)))
 
     def chi2_of_steps(self, links: Mapping[int, float], edges_s: Floats) -> Floats:
         """Chi-square of a step of some links at each of w epochs, (w,)."""
@@ -293,9 +321,21 @@ class ScoreProducts:
     problem: BinnedProblem
     whitened: Floats  # (n + k, w)
     score: Floats  # (w,)
-    information: Floats  # (w, w)
+    with_partials: Floats  # (w, c)
     size: Floats  # (w,), norms of the whitened columns
     gain: Floats  # (c, w)
+
+    def information(
+        self, columns: Sequence[int] | NDArray[np.intp], others: Sequence[int] | NDArray[np.intp]
+    ) -> Floats:
+        """Information on coefficients of some columns with that on others, (k, m)."""
+        squares = self.whitened[:, columns].T @ self.whitened[:, others]
+        return np.asarray(squares - self.with_partials[columns] @ self.gain[:, others])
+
+    def variances(self, columns: Sequence[int]) -> Floats:
+        """Information on the coefficient of each of some columns, (k,)."""
+        absorbed = np.einsum("wc,cw->w", self.with_partials[columns], self.gain[:, columns])
+        return np.asarray(self.size[columns] ** 2 - absorbed)
 
     def verdict(
         self, indices: Sequence[int] | slice = slice(None), links: Mapping[int, float] | None = None
@@ -304,7 +344,7 @@ class ScoreProducts:
         columns = np.arange(len(self.size))[indices if isinstance(indices, slice) else list(indices)]
         size, score, gain = self.size[columns], self.score[columns], self.gain[:, columns]
         scale = np.divide(1.0, size, out=np.zeros_like(size), where=size > 0.0)
-        scaled = self.information[np.ix_(columns, columns)] * scale[:, None] * scale
+        scaled = self.information(columns, columns) * scale[:, None] * scale
         values, axes = (scaled[0], np.ones((1, 1))) if len(scaled) == 1 else np.linalg.eigh(scaled)
         determined = values > _MIN_SQUARE_FRACTION
         if not determined.any():
@@ -314,9 +354,7 @@ class ScoreProducts:
         estimate, shift = root @ components, -gain @ root @ components
         chi2, dof, inflation = float(components @ components), int(determined.sum()), 1.0
         if links:  # errors of a station are common to its baselines
-            problem = self.problem
-            residual = problem.residual - problem.whitened @ shift - self.whitened[:, columns] @ estimate
-            inflation = problem.inflation(residual, links)
+            inflation = self.problem.inflation(links, shift, self.whitened[:, columns] @ estimate)
         log_chance = log_probability(chi2 / inflation, dof)
         return Verdict(chi2, dof, estimate, root, shift, gain @ root, log_chance, inflation)
 

@@ -388,11 +388,11 @@ def refreshed(
     gives the length of the next step at a third of the cost of another factorization.
     """
     free = np.flatnonzero(parameters.free)
-    gradient = (parameters.prior_values - x)[free] / parameters.prior_sigmas[free] ** 2
+    gradient = np.append((parameters.prior_values - x)[free] / parameters.prior_sigmas[free] ** 2, 0.0)
     for columns, rows in _whitened_rows(linearization, whitening, free):
         # Summed by numpy itself: the result does not depend on the number of threads
-        gradient[columns[:-1]] += np.einsum("nq,n->q", rows[:, :-1], rows[:, -1])
-    projection = factor.vectors.T @ (gradient / factor.column_norms)
+        gradient[columns] += np.einsum("nq,n->q", rows, rows[:, np.argmax(columns)])  # residuals are column q
+    projection = factor.vectors.T @ (gradient[:-1] / factor.column_norms)
     s = factor.singular_values
     right_side = np.divide(projection, s, out=np.zeros_like(projection), where=factor.determined)
     return replace(factor, right_side=right_side)

@@ -33,7 +33,7 @@ from radioloc.vectors import Floats
 
 _MAX_LINEARIZATIONS = 15
 _MAX_REWEIGHTINGS = 100
-_MAX_ROWS = 20000  # a sample of about so many is off by a hundredth of one sigma, where five decide
+_MAX_ROWS = 5000  # a sample of about so many is off by a fiftieth of one sigma, where five decide
 _MAX_REPEATED_ROWS = 1000  # where one problem is fitted again and again
 _MIN_DRAWS = 200  # for each parameter
 _SEED = 20201201

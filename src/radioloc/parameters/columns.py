@@ -108,7 +108,7 @@ def members(kind: ParameterKind, scope: Scope, predictor: Predictor) -> Members:
     acts, owner = _acts_on(kind, rows), members_of_ends(scope, rows)
     if owner.shape[1] == 1:
         acts = np.asarray(acts.any(axis=1, keepdims=True))
-    present = np.unique(owner[acts & (owner >= 0)])
+    present = np.flatnonzero(np.bincount(owner[acts & (owner >= 0)])).tolist()
     return {name: k for name, k in all_members(scope, predictor).items() if k in present}
 
 
@@ -144,7 +144,7 @@ def columns_of(
         number = np.full(len(rows), -1)
         gaps = np.diff(since_s[order], prepend=since_s[order[:1]]) > 3600.0 * gap_h
         number[order] = 0 if member in undivided else np.cumsum(gaps)
-        for k in np.unique(number[_any_end(acts & ends_of_member)]).tolist():
+        for k in np.flatnonzero(np.bincount(number[_any_end(acts & ends_of_member)])).tolist():
             selected = np.equal(number, k)[:, None] & ends_of_member
             code[selected] = len(names)
             names.append(member if member in undivided else f"{member} {owners.count(member) + 1}".strip())

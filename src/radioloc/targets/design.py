@@ -294,7 +294,7 @@ class PartialsByLink:
     def parameters_of(self, rows: Rows) -> NDArray[np.intp]:
         """Return the parameters that act on any of the blocks of some observations, in ascending order."""
         acts = np.zeros(self.count, dtype=bool)
-        for block in np.unique(self._block(self.place[rows])).tolist():
+        for block in np.flatnonzero(np.bincount(self._block(self.place[rows]))).tolist():
             acts[self.parameters[block]] = True
         return np.flatnonzero(acts)
 
@@ -302,7 +302,7 @@ class PartialsByLink:
         """Write partials of some observations (m,) by some parameters (k,) into zeros (m, k)."""
         place = self.place[rows]
         block = self._block(place)
-        for number in np.unique(block).tolist():
+        for number in np.flatnonzero(np.bincount(block)).tolist():
             columns = np.searchsorted(parameters, self.parameters[number])
             block_rows = np.flatnonzero(block == number)
             of_block = place[block_rows] - self.starts[number]

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -262,3 +263,24 @@ def chi2_quantile(probability: float, dof: float) -> float:
     from scipy.special import gammaincinv
 
     return 2.0 * float(gammaincinv(0.5 * dof, probability))
+
+
+def root_between(function: Callable[[float], float], low: float, high: float, tolerance: float) -> float:
+    """Root of a function that has opposite signs at two arguments (Ridders 1979)."""
+    f_low, f_high, root = function(low), function(high), math.nan
+    while True:
+        middle = 0.5 * (low + high)
+        f_middle = function(middle)
+        previous, size = root, math.sqrt(f_middle**2 - f_low * f_high)
+        if size == 0.0:
+            return middle
+        root = middle + (middle - low) * math.copysign(f_middle, f_middle * (f_low - f_high)) / size
+        f_root = function(root)
+        if abs(root - previous) <= tolerance or f_root == 0.0:
+            return root
+        if f_middle * f_root < 0.0:
+            (low, f_low), (high, f_high) = sorted([(middle, f_middle), (root, f_root)])
+        elif f_low * f_root < 0.0:
+            high, f_high = root, f_root
+        else:
+            low, f_low = root, f_root

@@ -20,7 +20,7 @@ from radioloc.estimation.least_squares import FitResult
 from radioloc.estimation.linearization import ResidualFunction
 from radioloc.estimation.noise_structure import noise_with_shared, noisy_groups, split
 from radioloc.estimation.series import SeriesOrder
-from radioloc.estimation.statistics import SCALING_PROBABILITY, chi2_quantile
+from radioloc.estimation.statistics import SCALING_PROBABILITY, chi2_quantile, root_between
 from radioloc.estimation.status import FitStatus
 from radioloc.labels import Labels
 from radioloc.noise.covariance import ObservationCovariance, White
@@ -219,10 +219,8 @@ def _sufficient_sigma_m(
     precision: float = 1e-12,
 ) -> float:
     """Additive noise at which the sum of squares is the degrees of freedom, m; zero if it is not significant."""
-    from scipy.optimize import brentq
-
     if dof < 1 or squares(0.0) <= (dof if probability is None else chi2_quantile(probability, dof)):
         return 0.0
     # With errors of this size alone it would be half of that
     most_m = math.sqrt(2.0 * float(np.square(residual_m).sum()) / dof)
-    return float(brentq(lambda m: squares(m) - dof, 0.0, most_m, xtol=precision * most_m, rtol=precision))
+    return root_between(lambda m: squares(m) - dof, 0.0, most_m, precision * most_m)

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from radioloc.estimation.consider import NOISE, ErrorSource, by_source
-from radioloc.estimation.statistics import finite_or_none
+from radioloc.estimation.statistics import finite_or_none, root_between
 from radioloc.lunar.local import EAST_NORTH_UP
 from radioloc.results.cards import Card, Field, metres, table
 from radioloc.results.names import error_name, source_name
@@ -46,10 +46,8 @@ def radius_95_m(covariance_m2: Floats) -> float:
         probability = -np.expm1(-0.5 * radius_m**2 * k) / (k * minor * major)
         return float(probability.mean()) - 0.95
 
-    from scipy.optimize import brentq
-
     # Between the radii of a line and of a circle with the major axis.
-    return float(brentq(excess, 1.9 * major, 2.5 * major, rtol=1e-9))
+    return root_between(excess, 1.9 * major, 2.5 * major, 1e-9 * major)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

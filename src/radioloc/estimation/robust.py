@@ -35,7 +35,7 @@ _MAX_LINEARIZATIONS = 15
 _MAX_REWEIGHTINGS = 100
 _MAX_ROWS = 5000  # a sample of about so many is off by a fiftieth of one sigma, where five decide
 _MAX_REPEATED_ROWS = 1000  # where one problem is fitted again and again
-_MIN_DRAWS = 200  # for each parameter
+_DRAWS_FRACTION = 0.04  # smallest number of draws for each parameter over that of rows
 _SEED = 20201201
 _MAX_HUBER_SPREAD_SIGMAS = 3.0  # above which random subsets are tried
 _MAX_SPREAD_RATIO = 0.1
@@ -175,7 +175,7 @@ def sample(
         counts += (row_squares > 0.0).sum(axis=0)
         sums += row_squares.sum(axis=0)
     counts, sums = np.maximum(counts, 1.0), np.where(sums > 0.0, sums, 1.0)
-    draws = max(max_rows // max(len(free), 1), _MIN_DRAWS)
+    draws = max(max_rows // max(len(free), 1), round(_DRAWS_FRACTION * max_rows))
     random = np.random.Generator(np.random.PCG64(_SEED))
     places = (np.arange(draws) + random.random((len(free), draws))) / draws
     drawn = np.zeros(len(usable), dtype=bool)

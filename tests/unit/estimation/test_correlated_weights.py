@@ -9,7 +9,7 @@ from delay_network import DelayNetwork
 from radioloc.estimation import Labels, Parameter, ParameterSet, observability
 from radioloc.estimation.editing import fit_with_editing
 from radioloc.estimation.gauss_markov import SeriesNoise
-from radioloc.estimation.linearization import DenseLinearization, covariance_of, factorize
+from radioloc.estimation.linearization import DenseLinearization, covariance_of, factorize, refreshed
 from radioloc.estimation.series import CorrelatedWhitener, SeriesOrder, independent_series
 from radioloc.estimation.time_correlation import assess_time_correlation, fit_with_correlated_weights
 from radioloc.simulation.noise import gauss_markov
@@ -144,11 +144,13 @@ def test_filter_continues_over_parts_with_other_columns(monkeypatch):
     series = independent_series(order, edited.fit.noise, edited.fit.used)
     noise = {item.key: SeriesNoise(1.0, np.array([TAU_S]), np.ones(1)) for item in series.series[:1]}
     whitening = CorrelatedWhitener.of(series, noise)
-    dense, sparse = (
-        covariance_of(factorize(item, whitening, parameters, np.zeros(6)), parameters)
-        for item in (DenseLinearization(case.observed, design), ByPass(design, case.observed))
+    items = DenseLinearization(case.observed, design), ByPass(design, case.observed)
+    dense, sparse = (factorize(item, whitening, parameters, np.zeros(6)) for item in items)
+    np.testing.assert_allclose(
+        covariance_of(sparse, parameters), covariance_of(dense, parameters), rtol=0.0, atol=1e-12
     )
-    np.testing.assert_allclose(sparse, dense, rtol=0.0, atol=1e-12)
+    renewed = refreshed(sparse, items[1], whitening, parameters, np.zeros(6))
+    np.testing.assert_allclose(renewed.step(0.0), dense.step(0.0), rtol=0.0, atol=1e-9)
 
 
 def test_what_is_said_of_the_noise_is_as_stated():

@@ -53,7 +53,7 @@ def shared():
 def test_without_a_group():
     linear, order, fit, binned = problem(1, ObservationCovariance.of(0.9, 3 * N))
     for code in range(3):
-        verdict = binned.test(binned.columns({code: 1.0}, parameters=4))
+        verdict = binned.test(binned.removal({code: 1.0}))
         reference = fit_least_squares(linear, fit.parameters, fit.noise, used=order.code != code)
         shift = fit.factor.root_covariance() @ verdict.shift
         np.testing.assert_allclose(shift, reference.x - fit.x, atol=STOPPED)
@@ -61,6 +61,17 @@ def test_without_a_group():
         root = fit.factor.root_covariance() @ verdict.root_of_shift
         np.testing.assert_allclose(root @ root.T, reference.covariance - fit.covariance, atol=1e-9)
         assert verdict.dof == 4
+
+
+def test_a_group_is_removed_by_no_more_columns_than_points():
+    linear, order, fit, binned = problem(1, ObservationCovariance.of(0.9, 3 * N))
+    columns = binned.removal({1: 1.0}, (0.0, 60.0))
+    assert columns.shape[1] == columns.any(axis=1).sum() == 2
+    reference = fit_least_squares(
+        linear, fit.parameters, fit.noise, used=(order.code != 1) | (order.time_s > 60.0)
+    )
+    shift = fit.factor.root_covariance() @ binned.test(columns).shift
+    np.testing.assert_allclose(shift, reference.x - fit.x, atol=STOPPED)
 
 
 @pytest.mark.parametrize("noise", [ObservationCovariance.of(0.9, 3 * N), shared()], ids=["alone", "shared"])
@@ -120,7 +131,7 @@ def test_chance_is_uniform():
     logs = []
     for seed in range(200):
         *_, binned = problem(seed, ObservationCovariance.of(1.0, 3 * N))
-        verdict = binned.test(binned.columns({1: 1.0}, parameters=4))
+        verdict = binned.test(binned.removal({1: 1.0}))
         logs.append(verdict.log_chance)
     assert -np.mean(logs) == pytest.approx(1.0, abs=0.22)
 

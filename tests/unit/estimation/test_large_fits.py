@@ -122,7 +122,7 @@ def test_a_million_observations_take_less_than_300_bytes_each():
 SCRIPT = """
 import numpy as np
 from harmonic_series import Series
-from radioloc.estimation import fit_with_variance_components
+from radioloc.estimation.variance_components import fit_with_variance_components
 series = Series(200_000, p=12, excess_m=0.02, blunders=0.02)
 fit = fit_with_variance_components(series.linearize, series.parameters, series.sigma_m).fit
 print(fit.x.tobytes().hex(), fit.covariance.tobytes().hex(), fit.chi2.hex(), int(fit.used.sum()))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from radioloc.errors import InputError
-from radioloc.estimation.statistics import Residuals, chi2_quantile
+from radioloc.estimation.statistics import Residuals, chi2_quantile, root_between
 from radioloc.labels import Labels
 from radioloc.time import Epochs
 
@@ -93,3 +93,16 @@ def test_rejected_observations_are_counted_by_reason_and_pass():
     assert first["last_utc"] < second["first_utc"]
     assert [item["residual_m"] for item in first["largest"]] == [n / 2 - 1.0, n / 2 - 2.0, n / 2 - 3.0]
     assert outlier["largest"][0]["reason"].startswith("outlier: 9 m")
+
+
+@pytest.mark.parametrize(
+    ("function", "low", "high", "root"),
+    [
+        (np.cos, 0.0, 3.0, 0.5 * np.pi),
+        (lambda x: x**3 - 8.0, -1.0, 50.0, 2.0),
+        (lambda x: 100.0 / (1e-6 + x**2) - 1.0, 0.0, 1e3, np.sqrt(100.0 - 1e-6)),
+        (lambda x: x - 1.0, 0.0, 2.0, 1.0),
+    ],
+)
+def test_root_between_two_arguments(function, low, high, root):
+    assert root_between(function, low, high, 1e-12) == pytest.approx(root, abs=1e-11)

@@ -325,7 +325,7 @@ class _Search:
         tests = []
         for kind, name, links, span_s in selections:
             columns = problem.removal(links, span_s or (-np.inf, np.inf))
-            verdict = problem.test(columns, links)
+            verdict = problem.test(columns, links, scaled=True)
             if verdict is not None:
                 log_count = _log_test_count(len(selections))
                 tests.append(_Test(kind, name, columns, verdict, log_count, links=links, span_s=span_s))
@@ -356,7 +356,7 @@ class _Search:
                 tests.append(replace(test, links=item.links, span_s=item.span_s))
         if group is not None:
             indices = tuple(range(begin, begin + group.columns.shape[1]))
-            verdict = products.verdict(indices, group.links)
+            verdict = products.verdict(indices, group.links, scaled=True)
             tests += (
                 []
                 if verdict is None

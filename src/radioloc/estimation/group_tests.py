@@ -178,18 +178,28 @@ class BinnedProblem:
         return columns
 
     def removal(self, links: Mapping[int, float], span_s: tuple[float, float] = (-np.inf, np.inf)) -> Floats:
-        """Columns that take links in an interval out of the fit: independent combinations of their partials.
+        """Columns that take links in an interval out of the fit: partials by its own set of estimated parameters.
 
-        There are no more of them than points, whatever the number of parameters.
+        They are over their whitened norms; of fewer points than parameters there are no more than points.
         """
         indices, place, _ = self._rows_of(links, span_s)
         rows, index = np.unique(place, return_inverse=True)
         values = np.zeros((len(rows), self.values.shape[1] - 1))
         np.add.at(values, index, self.values[indices, 1:])
-        size = np.linalg.norm(values, axis=0)
-        vectors, sizes, _ = np.linalg.svd(values[:, size > 0.0] / size[size > 0.0], full_matrices=False)
-        columns = np.zeros((len(self.whitened), int((sizes**2 > _MIN_SQUARE_FRACTION).sum())))
-        columns[rows] = vectors[:, : columns.shape[1]]
+        series, squares = (
+            np.searchsorted(self.points.begin, rows, side="right") - 1,
+            np.zeros(values.shape[1]),
+        )
+        for k in np.unique(series).tolist():
+            of_series = series == k
+            root = self.roots[k][:, rows[of_series] - self.points.begin[k]]
+            squares += np.square(root @ values[of_series]).sum(axis=0)
+        values = values / np.sqrt(np.where(squares > 0.0, squares, 1.0))
+        if len(rows) < values.shape[1]:
+            vectors, sizes, _ = np.linalg.svd(values, full_matrices=False)
+            values = vectors * sizes
+        columns = np.zeros((len(self.whitened), values.shape[1]))
+        columns[rows] = values
         return columns
 
     def candidate_columns(self, indices: Sequence[int], codes: Iterable[int] | None = None) -> Floats:
@@ -226,9 +236,14 @@ class BinnedProblem:
         is_nonzero = np.logical_or.reduceat(columns[:n].any(axis=1), begin[:-1])
         return ((self.points.of(k), self.roots[k]) for k in np.flatnonzero(is_nonzero).tolist())
 
-    def test(self, columns: Floats, links: Mapping[int, float] | None = None) -> Verdict | None:
-        """Test whether coefficients of columns (n + k, w) are zero; None if the parameters absorb the columns."""
-        return self.products(columns).verdict(slice(None), links)
+    def test(
+        self, columns: Floats, links: Mapping[int, float] | None = None, *, scaled: bool = False
+    ) -> Verdict | None:
+        """Test whether coefficients of columns (n + k, w) are zero; None if the parameters absorb the columns.
+
+        Columns are `scaled` if their norms are those of :meth:`removal`.
+        """
+        return self.products(columns).verdict(slice(None), links, scaled=scaled)
 
     def products(self, columns: Floats) -> ScoreProducts:
         """Products of columns (n + k, w) for tests of any of them."""
@@ -338,14 +353,19 @@ class ScoreProducts:
         return np.asarray(self.size[columns] ** 2 - absorbed)
 
     def verdict(
-        self, indices: Sequence[int] | slice = slice(None), links: Mapping[int, float] | None = None
+        self,
+        indices: Sequence[int] | slice = slice(None),
+        links: Mapping[int, float] | None = None,
+        *,
+        scaled: bool = False,
     ) -> Verdict | None:
         """Test some of the columns together; None if the parameters absorb them."""
         columns = np.arange(len(self.size))[indices if isinstance(indices, slice) else list(indices)]
         size, score, gain = self.size[columns], self.score[columns], self.gain[:, columns]
         scale = np.divide(1.0, size, out=np.zeros_like(size), where=size > 0.0)
-        scaled = self.information(columns, columns) * scale[:, None] * scale
-        values, axes = (scaled[0], np.ones((1, 1))) if len(scaled) == 1 else np.linalg.eigh(scaled)
+        scale = np.ones_like(size) if scaled else scale
+        matrix = self.information(columns, columns) * scale[:, None] * scale
+        values, axes = (matrix[0], np.ones((1, 1))) if len(matrix) == 1 else np.linalg.eigh(matrix)
         determined = values > _MIN_SQUARE_FRACTION
         if not determined.any():
             return None

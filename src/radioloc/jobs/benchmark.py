@@ -221,7 +221,11 @@ def _point(table: TomlTable) -> Point:
         sigma_m = np.full(3, math.nan)
         if stated.sigma_m is not None:
             sigma_m[: 2 if stated.sigma_m.size == 2 else 3] = stated.sigma_m
+        if (sigma_m < 0.0).any():
+            table.fail("sigma_m", "expected zero or more")
         covariance_m2 = np.diag(sigma_m**2)
+    elif not np.allclose(covariance_m2, covariance_m2.T) or np.linalg.eigvalsh(covariance_m2)[0] < 0.0:
+        table.fail("covariance_m2", "expected a symmetric matrix without negative eigenvalues")
     return Point(stated.frame, xyz_m, covariance_m2, stated.epoch_tdb)
 
 
@@ -366,6 +370,8 @@ def _score(case: Case, entry: BenchmarkEntry) -> Score:
         squares.append(float(error_m[used] @ error_m[used]))
         variances.append(float(claim))
         if np.isfinite(total).all():
+            if np.linalg.eigvalsh(total)[0] <= 0.0:
+                raise InputError(f"{entry.source}: result {name!r}: expected sigmas above zero")
             statistics.append((float(error_m[used] @ np.linalg.solve(total, error_m[used])), int(used.sum())))
     count = len(squares)
     if not count:

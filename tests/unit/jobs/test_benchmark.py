@@ -13,6 +13,7 @@ from radioloc.errors import InputError
 from radioloc.jobs.benchmark import read_cases
 
 TRUTH = "[truth.lander]\nlongitude_deg = 10.0\nlatitude_deg = 60.0\nheight_m = 0.0\n"
+INDEFINITE = [[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, 1.0]]
 M_PER_DEG = np.pi / 180.0 * 1737400.0
 
 
@@ -144,6 +145,9 @@ def test_missing_or_changed_data_are_reported_and_the_recorded_entry_scored(tmp_
         ({"program": "P", "results": {"other": place()}}, "lander"),
         ({"program": "P", "results": {"lander": place() | {"sigma_m": [1.0, 2.0, 3.0, 4.0]}}}, "sigma_m"),
         ({"program": "P", "results": {"lander": place() | {"sigma_m": "x"}}}, "sigma_m"),
+        ({"program": "P", "results": {"lander": place() | {"sigma_m": -1.0}}}, "sigma_m"),
+        ({"program": "P", "results": {"lander": place() | {"sigma_m": 0.0}}}, "above zero"),
+        ({"program": "P", "results": {"lander": place() | {"covariance_m2": INDEFINITE}}}, "covariance_m2"),
         ({"program": "P", "results": {"lander": {"frame": "ICRF"}}}, "ICRF"),
         ([], "object"),
     ],

@@ -14,6 +14,7 @@ MAX_NAMES = 6  # commands named in the row of an option
 GUIDES = {
     "locate": "[Read the result card](../how-to/read-the-result-card.md)",
     "arcs": "[Length of the arc](../how-to/arc-length-study.md)",
+    "base-map": "[Base map](../how-to/make-a-base-map.md)",
     "leave-one-out": "[Influence of stations](../how-to/read-the-result-card.md#influence-of-stations)",
     "simulate": "[Simulated tracking](simulation.md)",
     "covariance": "[Covariance analysis](../how-to/plan-tracking.md#covariance-analysis)",

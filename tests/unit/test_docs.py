@@ -154,6 +154,9 @@ def touch_named_files(folder):
         "grblugf2012_101_0350smmmv1.odf",
     ):
         (folder / name).touch()
+    (folder / "strips").mkdir()
+    for name in ("strip07.tif", "strip07.json"):
+        (folder / "strips" / name).touch()
     (folder / "sites.txt").write_text("4171 CB   52.8344    6.3785     10    An Observer\n")
     (folder / "quasars.csv").write_text(
         "source,right_ascension_deg,declination_deg\n0059+581,15.690677,58.403093\n"
@@ -373,7 +376,7 @@ def test_toml_is_a_study_or_part_of_one(page, workspace):
         if block.language != "toml":
             continue
         content = tomllib.loads(block.text)
-        if {"images", "image_point", "stereo"} & set(content):
+        if {"images", "image_point", "stereo", "base_map"} & set(content):
             if block.file:
                 (workspace / block.file).write_text(block.text)
                 read_image_study(workspace / block.file)

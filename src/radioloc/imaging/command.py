@@ -14,12 +14,14 @@ def _image_tables() -> Rows:
     from radioloc.study.schema import keys_of
 
     tables = {f"[{name}]": ", ".join(keys_of(record)) for name, record in TABLES.items()}
-    return {"tables of a study file, one of [images], [image_point] and [stereo]": tables}
+    return {
+        "tables of a study file, one of [images], [image_point], [stereo], [stereo_pair] and [base_map]": tables
+    }
 
 
 @command(
     "images",
-    study_file("a study file with [images], [image_point] or [stereo]"),
+    study_file("a study file with [images], [image_point], [stereo] or [stereo_pair]"),
     JSON,
     *output_folder("write solution.json and a figure to DIR"),
     examples=("descent.toml --out results",),
@@ -30,3 +32,20 @@ def images(options: argparse.Namespace) -> int:
     from radioloc.imaging.location import locate_images
 
     return finish(options, locate_images(options.study, progress=not options.quiet))
+
+
+@command(
+    "base-map",
+    study_file("a study file with [base_map]"),
+    JSON,
+    *output_folder("write the mosaic, the orthophotos, tie points, base_map.json and a figure to DIR"),
+    examples=("strips.toml --out map",),
+    help_tables=_image_tables,
+)
+def base_map(options: argparse.Namespace) -> int:
+    """Make a base map from overlapping orbital images, adjusted together on an elevation model."""
+    from radioloc.imaging.base_map import make_base_map
+
+    if options.out is None:
+        options.parser.error("base-map needs --out DIR, where to write the map")
+    return finish(options, make_base_map(options.study, options.out, progress=not options.quiet))

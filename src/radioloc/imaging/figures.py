@@ -10,8 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
+from radioloc.imaging.base_map import BaseMap
 from radioloc.imaging.products import lay_over, pose_table, track_deg
 from radioloc.imaging.solution import ImageSolution, PointSolution
+from radioloc.imaging.stereo_points import StereoPoints
 from radioloc.report.figures import (
     COLORS,
     SCALE_95,
@@ -20,6 +22,7 @@ from radioloc.report.figures import (
     draws_names_literally,
     legend_outside,
     length_unit,
+    one_panel,
     several_panels,
     style_axes,
 )
@@ -236,3 +239,111 @@ def _draw_about(axes: Axes, solution: PointSolution, reach_m: float) -> float:
         if max(abs(west_m), abs(north_m)) < reach_m:
             draw_place(axes, factor, np.array([-west_m, north_m]), name, "reference", k)
     return factor
+
+
+@draws_names_literally
+def plot_base_map(result: BaseMap, ax: Axes | None = None) -> Figure:
+    """Draw the mosaic of a base map, and the residuals of its tie points.
+
+    Parameters
+    ----------
+    result : BaseMap
+    ax : matplotlib.axes.Axes, optional
+        Axes of a grid to be replaced by the panels; without it a new figure is made.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        The mosaic, and the residuals as vectors, with the number of the image at the middle of its tie points.
+
+    Examples
+    --------
+    >>> from radioloc.imaging import plot_base_map
+    >>> plot_base_map(result)  # doctest: +SKIP
+    """
+    from radioloc.lunar.map_files import open_dataset
+
+    with open_dataset(result.mosaic) as file:
+        reduction = max(1, max(file.shape) // (2 * _MOSAIC_PIXELS))
+        mosaic = file.read(1, out_shape=(file.height // reduction, file.width // reduction), masked=True)
+        west, south, east, north = file.bounds
+        crs = file.crs
+    figure = several_panels(ax, 12.0, 6.8, f"{result.name}: {len(result.images)} images")
+    map_axes, residual_axes = figure.subplots(1, 2)
+    factor, unit = length_unit(max(east - west, north - south))
+    extent = [0.0, factor * (east - west), 0.0, factor * (north - south)]
+    low, high = np.percentile(mosaic.compressed(), [0.5, 99.5])
+    map_axes.imshow(mosaic, extent=extent, cmap="gray", vmin=low, vmax=high)
+    places = factor * (_on_map(crs, result.adjustment.ground_m) - [west, south])
+    used = result.adjustment.used[result.ties.point]
+    residuals_m = result.adjustment.residuals_m[used]
+    residual_axes.quiver(*places[used].T, *residuals_m.T, color=COLORS[0], angles="xy", width=0.0015)
+    for k in range(len(result.images)):
+        of_image = places[result.ties.image == k]
+        if len(of_image):
+            residual_axes.annotate(
+                str(k + 1), of_image.mean(axis=0), color=COLORS[1], ha="center", weight="bold"
+            )
+    rms_m = float(np.sqrt(np.mean(residuals_m**2))) if len(residuals_m) else 0.0
+    for axes, title in ((map_axes, "mosaic"), (residual_axes, f"residuals of tie points, rms {rms_m:.2g} m")):
+        style_axes(axes)
+        axes.grid(visible=False)
+        axes.set_title(title)
+        axes.set_aspect("equal")
+        axes.set_xlim(extent[:2])
+        axes.set_ylim(extent[2:])
+        axes.set_xlabel(f"x of the map ({unit})")
+    map_axes.set_ylabel(f"y of the map ({unit})")
+    return figure.figure
+
+
+def _on_map(crs: Any, points_m: Floats) -> Floats:
+    """Return the coordinates of points on a map."""
+    from rasterio.warp import transform
+
+    from radioloc.lunar import cartesian_to_selenographic
+
+    longitude, latitude, _ = cartesian_to_selenographic(points_m)
+    geographic = f"+proj=longlat +R={MEAN_LUNAR_RADIUS_M!r} +no_defs"
+    return np.column_stack(transform(geographic, crs, np.degrees(longitude), np.degrees(latitude)))
+
+
+@draws_names_literally
+def plot_stereo(result: StereoPoints, ax: Axes | None = None) -> Figure:
+    """Draw the points of a stereo pair from above, with the chosen features and their distances.
+
+    Parameters
+    ----------
+    result : StereoPoints
+    ax : matplotlib.axes.Axes, optional
+        Axes to draw in, in place of a figure of its own.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Points by their coordinates to the right and ahead, coloured by height, with the features.
+
+    Examples
+    --------
+    >>> from radioloc.imaging import plot_stereo
+    >>> plot_stereo(result)  # doctest: +SKIP
+    """
+    axes = one_panel(ax, 7.0, 7.0, f"{result.name}: {len(result.grey)} points")
+    style_axes(axes)
+    ahead, right, down = result.cloud_m.T
+    low, high = np.percentile(-down, [1.0, 99.0]) if len(down) else (0.0, 1.0)
+    dots = axes.scatter(
+        right, ahead, c=-down, vmin=low, vmax=high, s=2.0, linewidths=0.0, cmap="viridis", rasterized=True
+    )
+    axes.figure.colorbar(dots, ax=axes, label="height (m)", shrink=0.8)
+    for name, position in zip(result.features, result.feature_m, strict=True):
+        axes.plot(position[1], position[0], "+", color=COLORS[1], markersize=11, markeredgewidth=1.8)
+        axes.annotate(name, position[[1, 0]], xytext=(6, 6), textcoords="offset points", color=COLORS[1])
+    for row in result.distances():
+        ends = result.feature_m[[result.features.index(name) for name in row["features"]]][:, [1, 0]]
+        axes.plot(*ends.T, color=COLORS[1], linewidth=0.8)
+        axes.annotate(f"{row['distance_m']:.2f} m", ends.mean(axis=0), fontsize=8)
+    axes.set_aspect("equal")
+    axes.set_xlabel("right (m)")
+    axes.set_ylabel("ahead (m)")
+    return axes.figure.figure

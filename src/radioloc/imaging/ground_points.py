@@ -36,11 +36,13 @@ def image_to_ground(model: SensorModel, pixels: ArrayLike, surface: Surface) -> 
     return _intersections(model, model.rays(pixels), pixels, surface)
 
 
-def image_to_ground_and_partials(model: SensorModel, pixels: ArrayLike, surface: Surface) -> GroundPoints:
-    """Return points as :func:`image_to_ground`, with derivatives."""
+def image_to_ground_and_partials(
+    model: SensorModel, pixels: ArrayLike, surface: Surface, *, level: bool = False
+) -> GroundPoints:
+    """Return points as :func:`image_to_ground`, with derivatives, which slopes do not enter if `level`."""
     rays, ray_partials = model.rays_and_partials(pixels)
     points = _intersections(model, rays, pixels, surface)
-    gradient = surface.gradient(points)
+    gradient = vectors.normalized(points) if level else surface.gradient(points)
     by_height = rays.directions / vectors.dot(gradient, rays.directions)[:, None]
     along_ground = np.eye(3) - by_height[:, :, None] * gradient[:, None, :]
     distance_m = vectors.length(points - rays.origins_m)[:, None, None]

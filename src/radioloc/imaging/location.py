@@ -24,12 +24,15 @@ from radioloc.imaging.point_location import FRAME, ground_at, locate_point, loca
 from radioloc.imaging.registration import RegisteredFrame, Registration, register_chain
 from radioloc.imaging.shading import sun_over_map, write_shaded_map
 from radioloc.imaging.solution import ImageSolution, MapResult, PointSolution
+from radioloc.imaging.stereo_points import StereoPoints, measure_stereo
 from radioloc.imaging.study import (
+    BaseMapChoice,
     CameraChoice,
     ImageChoice,
     ImageStudy,
     PointStudy,
     StereoChoice,
+    StereoPairChoice,
     read_image_study,
 )
 from radioloc.lunar import LunarPosition, Map, TerrainModel
@@ -47,8 +50,8 @@ _MIN_MASK_FRAMES, _MAX_MASK_FRAMES = 4, 12  # from all of the descent, for findi
 
 def locate_images(
     study: ImageStudy | PointStudy | str | Path, *, progress: bool = False
-) -> ImageSolution | PointSolution:
-    """Locate a lander by its descent images on a map, a point in one image, or a rover by stereo images.
+) -> ImageSolution | PointSolution | StereoPoints:
+    """Locate a lander by descent images, a point in one image, a rover by landmarks, or the points of a stereo pair.
 
     Parameters
     ----------
@@ -59,8 +62,8 @@ def locate_images(
 
     Returns
     -------
-    ImageSolution or PointSolution
-        Position in mean-Earth axes with its covariance, m.
+    ImageSolution, PointSolution or StereoPoints
+        Position in mean-Earth axes with its covariance, m; of a stereo pair, points in the axes of the body.
 
     Raises
     ------
@@ -79,6 +82,10 @@ def locate_images(
     if isinstance(study, (str, Path)):
         study = read_image_study(study)
     if isinstance(study, PointStudy):
+        if isinstance(study.chosen, BaseMapChoice):
+            raise InputError(f"{study.name}: [base_map] locates no point; run radioloc base-map")
+        if isinstance(study.chosen, StereoPairChoice):
+            return measure_stereo(study)
         return locate_stereo(study) if isinstance(study.chosen, StereoChoice) else locate_point(study)
     chosen = study.images
     if not chosen.shade:

@@ -123,7 +123,40 @@ class TabulatedOrientation:
         return positions, slerp(self.rotation_times_s, matrices_of(self.quaternions), time_s)
 
 
-Orientation = ConstantOrientation | TabulatedOrientation
+@dataclass(frozen=True, slots=True, eq=False)
+class CorrectedOrientation:
+    """Orientation with corrections of position and attitude, constant and changing evenly over a span of time.
+
+    Parameters
+    ----------
+    orientation : ConstantOrientation, TabulatedOrientation or CorrectedOrientation
+    position_m : array_like, shape (2, 3)
+        Offset in the middle of the span, and change from there to its end.
+    angles_rad : array_like, shape (2, 3)
+        The same for small angles about the camera's axes.
+    times_s : tuple of float
+        Middle and half of the span.
+    """
+
+    orientation: Orientation
+    position_m: Floats
+    angles_rad: Floats
+    times_s: tuple[float, float]
+
+    @property
+    def span_s(self) -> tuple[float, float]:
+        """First and last time that the orientation covers."""
+        return self.orientation.span_s
+
+    def poses(self, time_s: Floats) -> tuple[Floats, Floats]:
+        """Return positions, m, shape (n, 3), and rotations from the camera's axes, shape (n, 3, 3)."""
+        positions, rotations = self.orientation.poses(time_s)
+        part = ((np.asarray(time_s) - self.times_s[0]) / self.times_s[1])[:, None]
+        turns = _rotations().from_rotvec(self.angles_rad[0] + part * self.angles_rad[1]).as_matrix()
+        return positions + self.position_m[0] + part * self.position_m[1], rotations @ turns
+
+
+Orientation = ConstantOrientation | TabulatedOrientation | CorrectedOrientation
 
 
 def rotation_of(angles_rad: Floats) -> Floats:

@@ -17,9 +17,10 @@ import numpy as np
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.errors import CoverageError, InputError
 from radioloc.imaging import ImagePointSigmas, LineScanModel, Sphere, Terrain, locate_image_point, read_isd
+from radioloc.imaging.isd import SupportData
 from radioloc.imaging.solution import ErrorSource, PointSolution
 from radioloc.imaging.stereo import StereoPair, resect
-from radioloc.imaging.study import GroundChoice, ImagePointChoice, PointStudy, StereoChoice
+from radioloc.imaging.study import GroundChoice, ImagePointChoice, PointStudy, StereoChoice, StereoPairChoice
 from radioloc.kernels.files import sha256_of
 from radioloc.lunar import LunarPosition, TangentPlane, TerrainModel, east_north_up
 from radioloc.lunar.terrain import height_and_gradient
@@ -164,7 +165,7 @@ def _distances(chosen: StereoChoice) -> _Distances:
     rows = [k for k, landmark in enumerate(landmarks) if landmark.left_px is not None]
     if rows:
         left, right = ([getattr(landmarks[k], name) for k in rows] for name in ("left_px", "right_px"))
-        points = _pair(chosen).intersect(left, right, chosen.point_sigma_px)
+        points = stereo_pair(chosen).intersect(left, right, chosen.point_sigma_px)
         up = np.array([_up_in_camera(landmarks[k].pitch_deg, landmarks[k].roll_deg) for k in rows])
         level = points.points_m - np.sum(points.points_m * up, axis=1)[:, None] * up
         values[rows] = np.linalg.norm(level, axis=1)
@@ -174,7 +175,8 @@ def _distances(chosen: StereoChoice) -> _Distances:
     return _Distances(values, sigmas, misfits)
 
 
-def _pair(chosen: StereoChoice) -> StereoPair:
+def stereo_pair(chosen: StereoChoice | StereoPairChoice, shape: tuple[int, int] = (0, 0)) -> StereoPair:
+    """Return the calibrated cameras of a study, for images of a shape (lines, samples)."""
     from scipy.spatial.transform import Rotation
 
     assert chosen.left is not None
@@ -182,8 +184,8 @@ def _pair(chosen: StereoChoice) -> StereoPair:
     assert chosen.baseline_m is not None
     # A rotation of the axes is the inverse rotation of the components of a vector.
     rotation = Rotation.from_rotvec(chosen.rotation_deg, degrees=True).as_matrix().T
-    left, right = (camera.camera((0, 0)) for camera in (chosen.left, chosen.right))
-    return StereoPair(left, right, np.array(chosen.baseline_m), rotation)
+    baseline_m = np.array(chosen.baseline_m)
+    return StereoPair(chosen.left.camera(shape), chosen.right.camera(shape), baseline_m, rotation)
 
 
 def _up_in_camera(pitch_deg: float, roll_deg: float) -> Floats:
@@ -239,13 +241,17 @@ def _field(names: list[str], measured: _Distances, residuals_m: Floats, chi2: fl
     )
 
 
+def mean_earth_support(path: Path) -> SupportData:
+    """Read the sensor model of an image in mean-Earth axes."""
+    support = read_isd(path)
+    return support if support.model.axes.startswith("ME_") else read_isd(path, axes=FRAME)
+
+
 def locate_point(study: PointStudy) -> PointSolution:
     """Locate the point of ``[image_point]``."""
     chosen = study.chosen
     assert isinstance(chosen, ImagePointChoice)
-    support = read_isd(chosen.model)
-    if not support.model.axes.startswith("ME_"):
-        support = read_isd(chosen.model, axes=FRAME)
+    support = mean_earth_support(chosen.model)
     model = support.model
     if chosen.dem is not None:
         surface: Terrain | Sphere = Terrain(TerrainModel.open(chosen.dem))

@@ -1,7 +1,8 @@
 """Study of images: its tables and their reader.
 
 ``[images]`` and ``[camera]`` locate a lander by its descent images, ``[image_point]`` a point in one orbital image,
-``[stereo]`` a rover or lander by stereo images of landmarks.
+``[stereo]`` a rover or lander by stereo images of landmarks. ``[stereo_pair]`` measures points in a pair of images,
+``[base_map]`` makes a map from orbital images.
 """
 
 from __future__ import annotations
@@ -183,6 +184,82 @@ class StereoChoice(GroundChoice):
                     )
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StereoFeature:
+    """Table ``[[stereo_pair.features]]``: feature chosen in the left image."""
+
+    name: str
+    left_px: tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StereoPairChoice:
+    """Table ``[stereo_pair]``: two images of a rover or lander, for points in its axes."""
+
+    left_image: Path
+    right_image: Path
+    left: CameraChoice
+    right: CameraChoice
+    baseline_m: tuple[float, float, float]  # right camera: right, down, ahead of the left
+    rotation_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)  # from the left camera's axes to the right
+    point_sigma_px: float = entry(0.3, positive=True)
+    camera_in_body_m: tuple[float, float, float] = (0.0, 0.0, 0.0)  # left camera: ahead, right, down
+    camera_attitude_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)  # heading, pitch, roll in the body
+    nearest_m: float = entry(2.0, positive=True)  # closest ground in the images
+    features: tuple[StereoFeature, ...] = ()
+
+    def __post_init__(self) -> None:
+        check(self)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ControlPoint:
+    """Table ``[[base_map.ground_points]]``: point with coordinates, such as a laser reflector, in one of the images."""
+
+    name: str
+    image: str
+    point: tuple[float, float]
+    longitude_deg: float
+    latitude_deg: float
+    height_m: float
+    sigma_m: float = entry(1.0, positive=True)  # of each coordinate
+    point_sigma_px: float = entry(1.0, positive=True)
+
+    def __post_init__(self) -> None:
+        check(self)
+        require_lunar_height(self.height_m)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BaseMapChoice:
+    """Table ``[base_map]``: overlapping orbital images with support data, for a map of their orthophotos."""
+
+    images: tuple[Path, ...]
+    dem: Path
+    resolution_m: float = entry(positive=True)
+    position_sigma_m: tuple[float, float, float] = entry(not_negative=True)  # east, north, up
+    attitude_sigma_rad: tuple[float, float, float] = entry(not_negative=True)  # about the camera's axes
+    position_drift_m: tuple[float, float, float] = entry((0.0, 0.0, 0.0), not_negative=True)  # middle to end
+    attitude_drift_rad: tuple[float, float, float] = entry((0.0, 0.0, 0.0), not_negative=True)
+    models: tuple[Path, ...] = ()  # support data of the images in order; cubes contain theirs
+    dem_sigma_m: float = entry(10.0, positive=True)
+    projection: str = "IAU_2015:30110"
+    ground_points: tuple[ControlPoint, ...] = ()
+
+    def __post_init__(self) -> None:
+        check(self)
+        if self.models and len(self.models) != len(self.images):
+            raise InputError(
+                f"models: expected one for each of {len(self.images)} images, got {len(self.models)}"
+            )
+        names = [path.name for path in self.images]
+        if len(set(names)) < len(names):
+            raise InputError("images: two files have the same name; rename one")
+        for point in self.ground_points:
+            if point.image not in names:
+                raise InputError(f"ground_points: expected an image of images, got {point.image!r}")
+
+
 @dataclass(frozen=True, slots=True)
 class ImageStudy:
     """Study that locates a lander on a map by its descent images."""
@@ -196,9 +273,9 @@ class ImageStudy:
 
 @dataclass(frozen=True, slots=True)
 class PointStudy:
-    """Study that locates a point in one image, or a rover or lander by stereo images."""
+    """Study that locates a point in one image, a rover or lander by stereo images, or that makes a base map."""
 
-    chosen: ImagePointChoice | StereoChoice
+    chosen: ImagePointChoice | StereoChoice | StereoPairChoice | BaseMapChoice
     references: tuple[Reference, ...] = ()
     name: str = "images"
     path: Path | None = field(default=None, repr=False)
@@ -212,12 +289,20 @@ TABLES: dict[str, type] = {
     "stereo.left": CameraChoice,
     "stereo.right": CameraChoice,
     "stereo.landmarks": Landmark,
+    "stereo_pair": StereoPairChoice,
+    "stereo_pair.left": CameraChoice,
+    "stereo_pair.right": CameraChoice,
+    "stereo_pair.features": StereoFeature,
+    "base_map": BaseMapChoice,
+    "base_map.ground_points": ControlPoint,
 }
 """Records of the tables of a study of images, beside ``[reference]`` and ``[references.NAME]``."""
 
 
 def read_image_study(path: str | Path) -> ImageStudy | PointStudy:
-    """Read a study file with ``[images]``, ``[image_point]`` or ``[stereo]``; paths in it are relative to its folder.
+    """Read a study file with ``[images]``, ``[image_point]``, ``[stereo]``, ``[stereo_pair]`` or ``[base_map]``.
+
+    Paths in it are relative to its folder.
 
     Raises
     ------
@@ -236,19 +321,24 @@ def read_image_study(path: str | Path) -> ImageStudy | PointStudy:
     path, file = source_of(path)
     hints = Hints({name: keys_of(record) for name, record in TABLES.items()})
     top = TomlTable(path, "", content, hints)
-    images, camera, point, stereo, reference, references = (
-        top.table(name) for name in ("images", "camera", "image_point", "stereo", "reference", "references")
-    )
+    kinds: dict[str, type] = {
+        "images": ImageChoice,
+        "image_point": ImagePointChoice,
+        "stereo": StereoChoice,
+        "stereo_pair": StereoPairChoice,
+        "base_map": BaseMapChoice,
+    }
+    tables = {name: table for name in kinds if (table := top.table(name)) is not None}
+    camera, reference, references = (top.table(name) for name in ("camera", "reference", "references"))
     top.finish()
-    if [images, point, stereo].count(None) != 2:
-        raise InputError(f"{path}: expected exactly one of [images], [image_point] and [stereo]")
-    if images is None and camera is not None:
+    if len(tables) != 1:
+        raise InputError(f"{path}: expected exactly one of {', '.join(f'[{name}]' for name in kinds)}")
+    [(name, table)] = tables.items()
+    if name != "images" and camera is not None:
         raise InputError(f"{path}: [camera] belongs to [images]")
     context = references_of(reference, references), path.stem, file
-    if images is not None:
-        choice = images.read(ImageChoice)
-        return ImageStudy(choice, None if camera is None else camera.read(CameraChoice), *context)
-    if point is not None:
-        return PointStudy(point.read(ImagePointChoice), *context)
-    assert stereo is not None
-    return PointStudy(stereo.read(StereoChoice), *context)
+    if name == "images":
+        return ImageStudy(
+            table.read(ImageChoice), None if camera is None else camera.read(CameraChoice), *context
+        )
+    return PointStudy(table.read(kinds[name]), *context)

@@ -45,14 +45,14 @@ class Tracks:
         image = np.where(group < 0, map_image, group // _KIND_COUNT)
         pairs = np.concatenate(self._pairs)
         pairs = pairs[~np.isin(image[pairs], [*rejected]).any(axis=1)]
-        track = _components(pairs[:, 0], pairs[:, 1], len(image))
+        track = connected_components(pairs[:, 0], pairs[:, 1], len(image))
         # The first of several measurements in an image or on the map.
         measured, first = np.unique(pairs, return_index=True)
         measured = measured[np.argsort(first)]
         key = track[measured] * _KIND_COUNT * (map_image + 1) + group[measured]
         measured = measured[np.unique(key, return_index=True)[1]]
         track, image = track[measured], image[measured]
-        component = _components(image, map_image + 1 + track, map_image + 2 + track.max(initial=-1))
+        component = connected_components(image, map_image + 1 + track, map_image + 2 + track.max(initial=-1))
         images = np.flatnonzero((component[:map_image] == component[map_image]) & placed)
         numbers = np.full(map_image + 1, -1)
         numbers[images] = np.arange(len(images))
@@ -72,10 +72,10 @@ class Tracks:
         )
 
 
-def _components(start: Indices, end: Indices, nodes: int) -> Indices:
+def connected_components(start: Indices, end: Indices, nodes: int) -> Indices:
     """Return the connected component of each node of a graph."""
     from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
+    from scipy.sparse.csgraph import connected_components as components
 
     graph = coo_array((np.ones(len(start)), (start, end)), shape=(nodes, nodes))
-    return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
+    return np.asarray(components(graph, directed=False)[1], dtype=np.int64)

@@ -3,11 +3,14 @@
 import csv
 import json
 import re
+import tempfile
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
+import rasterio
 from html_page import Page
 from matplotlib.figure import Figure
 from paths import EXAMPLES, ROOT
@@ -16,9 +19,11 @@ from toy_moon import LANDER_M, ToyMoon, toy_solution
 import radioloc
 from radioloc.errors import InputError
 from radioloc.estimation.consider import ErrorSource
-from radioloc.imaging import locate_images, read_image_study
+from radioloc.imaging import BaseMap, locate_images, read_image_study
 from radioloc.imaging.solution import ErrorSource as ImageErrorSource
 from radioloc.imaging.solution import PointSolution
+from radioloc.imaging.strip_adjustment import GroundTies, StripAdjustment
+from radioloc.lunar.map_files import new_geotiff
 from radioloc.report.figure_types import FIGURES
 from radioloc.report.page import write_html
 from radioloc.results.accuracy_map import AccuracyMap
@@ -82,6 +87,22 @@ def point():
     return PointSolution("toy", "image_point", "", place, sources, (), {"pixel": [1, 2]}, 1)
 
 
+@cache
+def base_map():
+    rows, ground = np.arange(4), np.array([[1737400.0, 100.0 * k, 200.0 * k] for k in range(4)])
+    no_prior = np.full((2, 3), np.nan), np.full(2, np.inf)
+    ties = GroundTies(rows % 2, rows // 2, np.ones((4, 2)), np.ones(4), *no_prior)
+    residuals = np.full((4, 2), 0.1)
+    fields = ((), np.zeros((2, 12)), np.eye(24), np.ones(2, bool), ground, residuals, residuals, 0.3, 5.0)
+    mosaic = Path(tempfile.mkdtemp()) / "mosaic.tif"
+    transform = rasterio.Affine(50.0, 0.0, -100.0, 0.0, -50.0, 700.0)
+    with new_geotiff(mosaic, "+proj=eqc +R=1737400", transform, (16, 16), "uint8") as file:
+        file.write(np.arange(256, dtype=np.uint8).reshape(16, 16), 1)
+    return BaseMap(
+        "toy", ("a.tif", "b.tif"), mosaic, ties, StripAdjustment(*fields), np.ones((2, 2)), {(0, 1): 0.01}
+    )
+
+
 MAKERS = {
     "solution": (solution, {"solution.json", "residuals.csv"}),
     "arcs": (
@@ -104,6 +125,11 @@ MAKERS = {
     "accuracy_map": (accuracy_map, {"accuracy_map.json", "accuracy_map.csv", "accuracy_map.tif"}),
     "leave_one_out": (omissions, {"leave_one_out.json", "leave_one_out.csv"}),
     "image_point": (point, {"solution.json"}),
+    "stereo_pair": (
+        cache(lambda: locate_images(EXAMPLES / "stereo" / "pair.toml")),
+        {"stereo_points.json", "points.csv", "points.ply"},
+    ),
+    "base_map": (base_map, {"base_map.json", "tie_points.csv"}),
     "images": (
         lambda: locate_images(read_image_study(EXAMPLES / "images" / "descent.toml")),
         {"solution.json"},
@@ -119,6 +145,8 @@ FIGURES_OF = {
     "accuracy_map": {"accuracy_map"},
     "leave_one_out": set(),
     "image_point": {"position"},
+    "stereo_pair": {"stereo"},
+    "base_map": {"base_map"},
     "images": {"images"},
 }
 

@@ -249,7 +249,7 @@ def planning(folder: Path) -> Iterator[Row]:
         run(folder, "-m", "radioloc", "montecarlo", plan, "--workers", "1", "--quiet", "--trials", count)[1]
         for count in ("25", "225")
     )
-    yield Row("Monte Carlo trial of three arcs", 5.0 * (total_s - start_s), "ms", 20.0)
+    yield Row("Monte Carlo trial of three arcs", 5.0 * (total_s - start_s), "ms", 50.0)
     options = ("--grid", "3", "--workers", "1", "--quiet", "--out", "map")
     arc = str(EXAMPLES / "change5" / "short_arc.toml")
     _, taken_s, _, _ = run(folder, "-m", "radioloc", "covariance", arc, *options)

@@ -49,6 +49,8 @@ _MAX_NAMED_STUDIES = 3  # studies in the title
 _MAX_LONGITUDE_OFFSET_DEG = 150.0  # from the middle, where meridians end at a pole on the map
 _MAX_DEFAULT_REACH_M = 5e5  # bound of the distortion by the tangent plane
 _MAX_REACH_M = 1e6  # the corners are still on the Moon
+_MIN_LOG_RATIO = 3.0  # of the ends of a logarithmic scale, which then has several ticks
+_SCALE_QUANTILE = 0.98  # of the sites of an accuracy map, those within the colour scale
 
 
 @draws_names_literally
@@ -237,7 +239,7 @@ def plot_accuracy_map(accuracy: AccuracyMap, ax: Axes | None = None) -> Figure:
     """Draw the 95 % radius of each site, seen from the mean direction of the Earth, with the lunar graticule."""
     if not accuracy.determined:
         raise NothingToDrawError(f"{accuracy.name}: expected a site that is determined")
-    from matplotlib.colors import LogNorm
+    from matplotlib.colors import LogNorm, Normalize
 
     axes = one_panel(ax, 6.6, 6.0, f"{accuracy.name}, {accuracy.span_h:.1f} h")
     half = 0.5 * accuracy.step_deg
@@ -247,11 +249,14 @@ def plot_accuracy_map(accuracy: AccuracyMap, ax: Axes | None = None) -> Figure:
     # Cells of the far side are left out.
     is_near = np.abs((accuracy.longitude_deg + 180.0) % 360.0 - 180.0) < 90.0
     radius_m = np.where(np.isfinite(accuracy.radius_95_m) & is_near, accuracy.radius_95_m, np.nan)
+    # A few sites at the limb, which hardly see the Earth, would take up most of the scale.
+    low_m, high_m = np.nanquantile(radius_m, (0.0, _SCALE_QUANTILE)).tolist()
+    is_log = high_m > _MIN_LOG_RATIO * low_m
     cells = axes.pcolormesh(
         np.cos(latitude) * np.sin(longitude),
         np.sin(latitude),
         radius_m,
-        norm=LogNorm(np.nanmin(radius_m), np.nanmax(radius_m)),
+        norm=(LogNorm if is_log else Normalize)(low_m, high_m),
         cmap="viridis_r",
         rasterized=True,
     )
@@ -267,7 +272,10 @@ def plot_accuracy_map(accuracy: AccuracyMap, ax: Axes | None = None) -> Figure:
         axes.annotate(f"{latitude_deg}\N{DEGREE SIGN}", at, fontsize=7, ha="right", va="center")
     axes.set_aspect("equal")
     axes.axis("off")
-    log_scale(axes.figure.colorbar(cells, ax=axes, shrink=0.8, label="95 % radius, m").ax)
+    extend = "max" if np.nanmax(radius_m) > high_m else "neither"
+    scale = axes.figure.colorbar(cells, ax=axes, shrink=0.8, label="95 % radius, m", extend=extend)
+    if is_log:
+        log_scale(scale.ax)
     legend_below(axes, ax, 2)
     return axes.figure  # type: ignore[return-value]
 

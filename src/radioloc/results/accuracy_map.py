@@ -103,7 +103,7 @@ class AccuracyMap(Result):
         table = {name: values.ravel() for name, values in (places | counts | finite).items()}
         contents: dict[str, Content] = {
             "accuracy_map.json": self.to_dict(),
-            "accuracy_map.csv": Table(table, dict.fromkeys(table, 4)),
+            "accuracy_map.csv": Table(table, dict.fromkeys(places | finite, 4)),
         }
         if find_spec("rasterio"):
             west, north = (

@@ -423,22 +423,6 @@ def test_frames_have_the_iau_s_axes_at_an_epoch_and_lead_back(capsys):
     refused(Outcome(2, *capsys.readouterr()), "give --epoch UTC")
 
 
-@pytest.mark.parametrize(
-    ("text", "names"),
-    [
-        ("argentina", {"NEUQUEN", "MALARGUE"}),
-        ("cdsn", {"JIAMUSI", "KASHI", "NEUQUEN"}),
-        ("Observatory", {"APOLLO", "MATERA", "MLRS2", "WETTZELL"}),
-    ],
-)
-def test_stations_are_found_by_alias_complex_and_country(text, names, capsys):
-    assert cli.main(["stations", text, "--json"]) == 0
-    stations = json.loads(capsys.readouterr().out)
-    assert {station["name"] for station in stations} == names
-    assert all(station["complex"] and station["country"] for station in stations)
-    assert all({"quality", "mount", "frame", "source"} <= set(station) for station in stations)
-
-
 @pytest.mark.study
 def test_visibility_and_leave_one_out_print_their_cards(capsys, tmp_path):
     plan = str(EXAMPLES / "change5" / "simulation.toml")

@@ -52,18 +52,7 @@ def test_a_folder_of_results_alone_brings_matplotlib(tmp_path):
     assert done.stdout.splitlines() == ["0", "False", "0", "True"]
 
 
-def test_first_lines_of_the_guide():
-    study = radioloc.read_study(EXAMPLE)
-    solution = radioloc.locate(study)
-    assert "CONVERGED" in str(solution)
-    html = solution._repr_html_()
-    assert html.count("<table>") == html.count("</table>")
-    for text in ("CONVERGED", "ME_DE421", "APOLLO"):
-        assert text in html
-    assert solution.to_dict()["converged"] is True
-    assert len(radioloc.compute_residuals(study).residuals) == 153
-
-
+@pytest.mark.study
 def test_a_study_built_in_python_with_observations_passed():
     read = radioloc.read_study(EXAMPLE)
     study = radioloc.Study(

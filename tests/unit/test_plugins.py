@@ -293,6 +293,7 @@ def test_names_of_the_package_and_other_objects_are_not_registered(restored_regi
         radioloc.register(SimpleNamespace(name="mist"))
 
 
+@pytest.mark.study
 def test_a_command_with_a_study_table_a_result_and_a_figure_of_another_package(toys, tmp_path):
     study = SHORT_ARC.read_text()
     (tmp_path / SHORT_ARC.with_suffix(".csv").name).write_bytes(SHORT_ARC.with_suffix(".csv").read_bytes())

@@ -27,6 +27,7 @@ def test_spectrum_of_omitted_degrees_matches_the_field():
     assert not any(error.c[:2].any() or np.triu(error.c, 1).any() or error.s[:, 0].any() for error in errors)
 
 
+@pytest.mark.study
 def test_effects_on_an_orbit_against_integrations():
     model = forces(30, gradient_degree=30)
     errors = draw_gravity_errors(model.gravity.to_degree(20), 3, 30, seed=2)

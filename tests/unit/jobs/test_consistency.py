@@ -209,6 +209,7 @@ def corrupted(ranges, name):
             return replace(ranges, links=tuple(links)), "the stations DSS-14 and DSS-43 are exchanged"
 
 
+@pytest.mark.study
 @pytest.mark.parametrize(
     "name", ["half", *(pytest.param(name, marks=pytest.mark.slow) for name in ("TAI", "late", "exchanged"))]
 )
@@ -223,6 +224,7 @@ def test_mistakes_of_users_are_named(tmp_path, name):
     assert first.next_chi2_ratio > 4.0
 
 
+@pytest.mark.study
 def test_leaving_stations_out_names_the_same_station(tmp_path):
     (tmp_path / "dsn.toml").write_text(DSN)
     study = radioloc.read_study(tmp_path / "dsn.toml")

@@ -12,6 +12,7 @@ def test_fit_without_fault_is_right_and_names_nothing():
     assert (outcome.outcome, outcome.exit, outcome.named) == ("right", 0, ())
 
 
+@pytest.mark.study
 @pytest.mark.parametrize("name", ["station 300 m long", "tags in TAI"])
 def test_gross_fault_is_not_silent(name):
     outcome = run(world("three-way"), BY_NAME[name], 0)

@@ -175,6 +175,7 @@ def test_tracking_of_the_lander_alone_is_refused(scene):
         radioloc.locate(study, late)
 
 
+@pytest.mark.study
 def test_covariance_of_a_descent_is_that_of_its_fit(scene, solution):
     """The plan has no values: its sigmas are the formal ones of a fit of simulated values."""
     planned = radioloc.covariance(scene[0])

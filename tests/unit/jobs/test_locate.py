@@ -215,6 +215,7 @@ def thinned(apollo15, near15, model):
     )
 
 
+@pytest.mark.study
 @pytest.mark.parametrize("term", list(radioloc.measurements.TERMS))
 def test_each_term_can_be_left_out(term, thinned, near15):
     sample, full, terms_m = thinned
@@ -254,6 +255,7 @@ def test_far_side_is_refused_in_words(apollo15):
     assert fitted.fit.total.rejected == len(apollo15)
 
 
+@pytest.mark.study
 def test_a_search_and_a_fit_come_home_from_the_far_side(apollo15, near15):
     distant_study = Study(target=LunarPosition.from_selenographic(178.0, 26.0, 0.0))
     with pytest.raises(InputError, match=r"`radioloc search STUDY\.toml`"):

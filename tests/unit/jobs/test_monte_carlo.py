@@ -406,6 +406,7 @@ def test_trials_that_did_not_converge_do_not_count():
     assert trial_study.coverage["horizontal"].count == 0
 
 
+@pytest.mark.study
 def test_tables_have_a_row_for_each_trial_and_arc(trial_study):
     table = trial_study.to_table()
     assert len(table) == 120

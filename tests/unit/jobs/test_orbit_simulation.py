@@ -219,6 +219,7 @@ def with_process_noise(scene):
     return replace(scene[0], estimate=estimate, observations=replace(scene[0].observations, hours=2.0))
 
 
+@pytest.mark.study
 def test_planned_process_noise_is_that_of_a_fit(scene, with_process_noise):
     """The batch of independent accelerations against the information filter and smoother of a fit."""
     planned = radioloc.covariance(with_process_noise, hours=2.0).longest

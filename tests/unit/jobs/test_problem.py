@@ -56,7 +56,7 @@ def test_partials_are_the_slopes(place, form, late15, model):
 POLES = [(0.0, -90.0), (45.0, -89.9), (10.0, 88.5), (88.0, 0.0)]
 
 
-@pytest.mark.parametrize(("place", "form"), each_with_one(POLES, POLES, ["geographic", "cartesian"]))
+@pytest.mark.parametrize(("place", "form"), each_with_one(POLES, POLES[::2], ["geographic", "cartesian"]))
 def test_lander_near_a_pole_is_found_from_across_the_pole(place, form, apollo15, model):
     lon, lat = place
     truth = LunarPosition.from_selenographic(lon, lat, 1000.0).to_axes("PA", model.ephemeris.constants)

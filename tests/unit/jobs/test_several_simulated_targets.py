@@ -114,6 +114,7 @@ def test_drawn_positions_are_those_of_each_target(two_points):
         np.testing.assert_allclose(moved, expected, atol=1e-6)
 
 
+@pytest.mark.study
 def test_planned_sigmas_of_each_target_are_those_of_the_trials(two_points):
     scenario = replace(two_points.simulation, truth_sigma=TruthSigma(position_enu_m=(3.0, 3.0, 3.0)))
     trial_set = radioloc.monte_carlo(replace(two_points, simulation=scenario), trials=150, hours=4.0)

@@ -69,7 +69,7 @@ class BinnedProblem:
     white: tuple[float, ...] = ()  # white variance of each series
 
     @cached_property
-    def _both(self) -> tuple[Floats, Floats]:
+    def _rows_and_weighted(self) -> tuple[Floats, Floats]:
         """Residuals and partials (n + k, 1 + c), whitened, and times V^-1."""
         whitened = np.concatenate([np.column_stack([self.points.residual, self.points.unit]), self.prior])
         weighted = whitened.copy()
@@ -82,12 +82,12 @@ class BinnedProblem:
     @property
     def whitened(self) -> Floats:
         """Whitened partials, (n + k, c)."""
-        return self._both[0][:, 1:]
+        return self._rows_and_weighted[0][:, 1:]
 
     @property
     def weighted(self) -> Floats:
         """Residuals and partials times V^-1, (n + k, 1 + c)."""
-        return self._both[1]
+        return self._rows_and_weighted[1]
 
     @cached_property
     def inverse(self) -> Floats:
@@ -97,12 +97,12 @@ class BinnedProblem:
     @cached_property
     def estimate(self) -> Floats:
         """Change of the parameters, (c,)."""
-        return np.asarray(self.inverse @ (self.whitened.T @ self._both[0][:, 0]))
+        return np.asarray(self.inverse @ (self.whitened.T @ self._rows_and_weighted[0][:, 0]))
 
     @cached_property
     def residual(self) -> Floats:
         """Whitened residuals after the estimate, (n + k,)."""
-        return np.asarray(self._both[0][:, 0] - self.whitened @ self.estimate)
+        return np.asarray(self._rows_and_weighted[0][:, 0] - self.whitened @ self.estimate)
 
     @classmethod
     def of(
@@ -341,11 +341,11 @@ class ScoreProducts:
     gain: Floats  # (c, w)
 
     def information(
-        self, columns: Sequence[int] | NDArray[np.intp], others: Sequence[int] | NDArray[np.intp]
+        self, columns: Sequence[int] | NDArray[np.intp], partners: Sequence[int] | NDArray[np.intp]
     ) -> Floats:
-        """Information on coefficients of some columns with that on others, (k, m)."""
-        squares = self.whitened[:, columns].T @ self.whitened[:, others]
-        return np.asarray(squares - self.with_partials[columns] @ self.gain[:, others])
+        """Information on coefficients of some columns with that on partners, (k, m)."""
+        squares = self.whitened[:, columns].T @ self.whitened[:, partners]
+        return np.asarray(squares - self.with_partials[columns] @ self.gain[:, partners])
 
     def variances(self, columns: Sequence[int]) -> Floats:
         """Information on the coefficient of each of some columns, (k,)."""

@@ -264,6 +264,18 @@ def reversed_sign(world: World, case: Case, _: np.random.Generator) -> Case:
     return with_values(case, -2.0 * case.observations.value_m * rows)
 
 
+def reversed_sign_in_pass(world: World, case: Case, _: np.random.Generator) -> Case:
+    """Reverse the sign of the Doppler of a station in its longest pass."""
+    index = max(passes_of(case.observations, rows_of(case.observations, world.station, "doppler")), key=len)
+    rows = np.isin(np.arange(len(case.observations)), index)
+    return with_values(case, -2.0 * case.observations.value_m * rows)
+
+
+def kilometres(world: World, case: Case, _: np.random.Generator) -> Case:
+    """Give all values in kilometres."""
+    return with_values(case, (1e-3 - 1.0) * case.observations.value_m)
+
+
 def halved(of_station: bool) -> Change:
     """Halve ranges, which are one-way then."""
 
@@ -569,6 +581,8 @@ FAULTS: tuple[Fault, ...] = (
     Fault("wrong station in a pass", "{station}|{partner}", wrong_station_in_pass, ("dsn", "grail")),
     Fault("link reversed", "{station}|revers", reversed_link, ("three-way", "vlbi")),
     Fault("sign reversed", r"\bsign\b|revers", reversed_sign, ("dsn", "vlbi", "grail")),
+    Fault("sign reversed in a pass", r"\bsign\b|revers", reversed_sign_in_pass, ("dsn", "grail")),
+    Fault("values in km", r"\bkm, not m|unit|plausible", kilometres, ALL),
     Fault("ranges halved", "half|halv|one-way|twice", halved(of_station=False), TRACKING),
     Fault("ranges of a station halved", _RANGING + "|half|halv|one-way", halved(of_station=True), TRACKING),
     Fault("5 % outliers", _OUTLIERS, outliers(0.05, 30.0), ALL),

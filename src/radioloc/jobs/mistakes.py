@@ -26,16 +26,16 @@ from radioloc.estimation.consistency import SIGNIFICANCE_LEVEL, Inconsistency
 from radioloc.estimation.editing import EditedFit
 from radioloc.estimation.status import FitStatus
 from radioloc.jobs.problem import EstimationProblem
-from radioloc.labels import USED
 from radioloc.measurements.evaluation import prepare_predictor
 from radioloc.measurements.link import Link
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.registry import KINDS
+from radioloc.parameters.columns import PASS_GAP_H
 from radioloc.parameters.parameter import ParameterSet
 from radioloc.results.solution import Solution
 from radioloc.targets.design import ObservationModel
-from radioloc.time import Epochs, utc_to_tai, utc_to_tt
+from radioloc.time import Epochs, utc_strings, utc_to_tai, utc_to_tt
 from radioloc.vectors import Floats
 
 _MAX_SERIES_OBSERVATIONS = 20  # of each link and type; a mistake acts on all of them
@@ -45,7 +45,13 @@ _MAX_ITERATED, _MAX_ITERATIONS = 8, 4  # hypotheses whose fit is iterated, linea
 _ROBUST_ITERATIONS = 20  # of weights that make squares absolute values
 _MIN_RELATIVE_INFORMATION = 1e-13  # keeps parameters that the data do not determine at their values
 _TAG_ERRORS_S = {"1 s late": 1.0, "1 s early": -1.0, "a day late": 86400.0, "a day early": -86400.0}
-_FACTORS = {"have the wrong sign": -1.0, "are half of the right ones": 2.0, "are twice the right ones": 0.5}
+_FACTORS = {
+    "have the wrong sign": -1.0,
+    "are half of the right ones": 2.0,
+    "are twice the right ones": 0.5,
+    "are in km, not m": 1e3,
+}
+_MAX_PASSES = 12  # of a station with hypotheses of their own
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,7 +69,7 @@ def with_mistake(problem: EstimationProblem, solution: Solution, edited: EditedF
     if problem.estimate is None or problem.process_noise is not None:
         return solution
     is_right = solution.converged and not solution.consistency.found
-    if is_right and not _is_mostly_hidden(problem, edited.initial_status.are(USED)):
+    if is_right and not _is_mostly_unused(problem, edited.fit.used):
         return solution
     mistake = find_mistake(problem, edited.fit.x)
     if mistake is None:
@@ -76,12 +82,11 @@ def with_mistake(problem: EstimationProblem, solution: Solution, edited: EditedF
     )
 
 
-def _is_mostly_hidden(problem: EstimationProblem, visible: NDArray[np.bool_]) -> bool:
-    """Return whether a station does not see the target in most of its observations, as under the name of another."""
+def _is_mostly_unused(problem: EstimationProblem, used: NDArray[np.bool_]) -> bool:
+    """Return whether most of a series is not used: a target that is not seen, or counts of another signal."""
     order = problem.order
-    total, seen = (np.bincount(order.code, rows, len(order.series)) for rows in (None, visible))
-    stations = order.of_stations(range(len(order.series)))
-    return any(2 * seen[[*codes]].sum() < total[[*codes]].sum() for codes in stations.values())
+    total, count = (np.bincount(order.code, rows, len(order.series)) for rows in (None, used))
+    return bool((2 * count < total).any())
 
 
 def find_mistake(problem: EstimationProblem, x: Floats) -> Inconsistency | None:
@@ -140,8 +145,13 @@ def mistakes(observations: Observations) -> Iterator[Mistake]:
     for owner, rows in owners:
         for kind in np.unique(observations.kind[rows]).tolist():
             values = f"the {KINDS[kind]} values of {owner}"
-            for text, factor in _FACTORS.items():
-                yield Mistake(f"{values} {text}", rows & (observations.kind == kind), factor)
+            of_kind = rows & (observations.kind == kind)
+            parts = [
+                (values, of_kind),
+                *((f"{values} {span}", part) for span, part in _passes(observations, of_kind)),
+            ]
+            for (name, part), (text, factor) in itertools.product(parts, _FACTORS.items()):
+                yield Mistake(f"{name} {text}", part, factor)
     if np.isfinite(observations.count_s).any():
         for text, factor in (("half of the right ones", 2.0), ("twice the right ones", 0.5)):
             corrected = replace(observations, count_s=factor * observations.count_s)
@@ -286,6 +296,20 @@ def _robust_step(
         remaining = residual - partials @ step[free]
         weights = 1.0 / np.maximum(np.abs(remaining), 1.0)
     return step, np.where(linear.usable, remaining**2, _MAX_SIGMAS**2)
+
+
+def _passes(observations: Observations, rows: NDArray[np.bool_]) -> Iterator[tuple[str, NDArray[np.bool_]]]:
+    """Yield the interval, in words, and the rows (n,) of each of a few passes of some rows."""
+    index = np.flatnonzero(rows)
+    index = index[np.argsort(observations.epoch.mjd[index], kind="stable")]
+    ends = 1 + np.flatnonzero(24.0 * np.diff(observations.epoch.mjd[index]) > PASS_GAP_H)
+    if not 0 < len(ends) < _MAX_PASSES:
+        return
+    for part in np.split(index, ends):
+        first, last = utc_strings(observations.epoch[part[[0, -1]]], decimals=0)
+        mask = np.zeros(len(observations), dtype=bool)
+        mask[part] = True
+        yield f"from {first} to {last}", mask
 
 
 def _renamed(link: Link, names: Mapping[str, str]) -> Link:

@@ -263,7 +263,24 @@ def _solve(
     return model, places, normal, small
 
 
-def _normal_equations(observed: _Observations, model: Projections, places: Floats) -> _NormalEquations:
+def absorbed(ties: TiePoints, result: Adjusted, pattern: Floats) -> tuple[Floats, Floats]:
+    """Return the corrections of images, (images, 8), by a pattern of pixels, (n, 2), and its remaining part."""
+    used = np.concatenate([result.used, result.map_used])
+    order = np.lexsort((ties.image, ties.point))
+    observed = _Observations(ties, order, used, np.array(result.sigma_factors))
+    model, places = result.model, result.places_m
+    normal = _normal_equations(observed, model, places, pattern)
+    steps = normal.step()
+    projected = model.project(ties.image, ties.point, places)
+    explained = np.einsum("nij,nj->ni", projected.by_parameters, steps[ties.image])
+    explained += np.einsum("nij,nj->ni", projected.by_place, normal.place_steps(steps)[ties.point])
+    return steps, np.where(result.used[:, np.newaxis], pattern - explained, 0.0)
+
+
+def _normal_equations(
+    observed: _Observations, model: Projections, places: Floats, pattern: Floats | None = None
+) -> _NormalEquations:
+    """Return the normal equations for the residuals, or for a pattern of pixels in their place."""
     from scipy.linalg import cho_factor
 
     ties, count = observed.ties, len(places)
@@ -276,7 +293,8 @@ def _normal_equations(observed: _Observations, model: Projections, places: Float
     by_image, by_place = (
         np.moveaxis(part, 0, -1) * weight for part in (projected.by_parameters, projected.by_place)
     )
-    residual = (ties.pixels[pixels] - projected.pixels).T * weight
+    pixel_residual = ties.pixels[pixels] - projected.pixels if pattern is None else pattern[pixels]
+    residual = pixel_residual.T * weight
     map_point = ties.map_point[map_used]
     map_weights = (observed.factors[1] * ties.map_sigma_m[map_used]) ** -2.0
     map_weight = _sums(map_point, map_weights, count)
@@ -286,7 +304,7 @@ def _normal_equations(observed: _Observations, model: Projections, places: Float
     point_blocks = _sums(point, _products(by_place, by_place), count)
     point_blocks[[0, 1], [0, 1]] += map_weight + unobserved
     inverse = np.asarray(np.linalg.inv(np.moveaxis(point_blocks, -1, 0)), dtype=np.float64)
-    map_residual = (ties.map_m[map_used] - places[map_point]).T
+    map_residual = (ties.map_m[map_used] - places[map_point]).T * (pattern is None)
     points_right = _sums(map_point, map_weights * map_residual, count).T
     points_right += _sums(point, _products(by_place, residual[:, np.newaxis])[:, 0], count).T
     coupling, designs = (

@@ -22,12 +22,14 @@ from radioloc.imaging.image_chain import Frame
 from radioloc.imaging.map_choice import ellipse_of, find_candidates, sun_notes
 from radioloc.imaging.point_location import FRAME, ground_at, locate_point, locate_stereo, provenance_of
 from radioloc.imaging.registration import RegisteredFrame, Registration, register_chain
+from radioloc.imaging.self_calibration import NAMES, SelfCalibration
 from radioloc.imaging.shading import sun_over_map, write_shaded_map
 from radioloc.imaging.solution import ImageSolution, MapResult, PointSolution
 from radioloc.imaging.stereo_points import StereoPoints, measure_stereo
 from radioloc.imaging.study import (
     BaseMapChoice,
     CameraChoice,
+    DescentCameraChoice,
     ImageChoice,
     ImageStudy,
     PointStudy,
@@ -210,14 +212,23 @@ def _solution(
             f"point: expected a pixel of {last.name} with the middle {last.centre.tolist()}, got {list(chosen.point)}"
         )
     point = registration.ground_point(last.name, pixel, chosen.point_sigma_px)
+    camera = study.camera
+    self_calibrated = isinstance(camera, DescentCameraChoice) and camera.has_sigmas
+    calibration_notes: list[str] = []
+    if isinstance(camera, DescentCameraChoice) and self_calibrated:
+        calibration = registration.self_calibration(
+            camera.focal_length_sigma_mm / camera.focal_length_mm, camera.k1_sigma
+        )
+        point = registration.calibrated_point(point, calibration, last.name, pixel)
+        calibration_notes += _calibration_notes(camera, calibration)
     place = (point.longitude_deg, point.latitude_deg)
     ground = ground_at(chosen, *place)
     covariance = ground.to_enu @ point.covariance_m2 @ ground.to_enu.T
     covariance[2, 2] += ground.sigma_m**2
-    notes = list(ground.notes)
+    notes = [*ground.notes, *calibration_notes]
     distortion_px, sigma_px = registration.radial_pattern_px()
     distortion_m = 0.0
-    if abs(distortion_px) > _MIN_DISTORTION_SIGMAS * sigma_px:
+    if abs(distortion_px) > _MIN_DISTORTION_SIGMAS * sigma_px and not self_calibrated:
         sizes_m = [frame.pixel_m for frame in frames if frame.is_registered]
         distortion_m = abs(distortion_px) * float(np.linalg.norm(sizes_m))
         notes.append(
@@ -228,7 +239,6 @@ def _solution(
     covariance += distortion_m**2 * ground.to_enu @ ground.to_enu.T
     descent_m = _unknown_descent_m(registration, last) if isinstance(chosen.point, str) else 0.0
     covariance += descent_m**2 * ground.to_enu @ ground.to_enu.T
-    camera = study.camera
     altitudes = {} if camera is None else dict(_altitudes(camera, frames))
     if descent_m:
         altitude = f" from {altitudes[last.name]:.3g} m" if last.name in altitudes else ""
@@ -256,6 +266,19 @@ def _solution(
         provenance_of(study.path, chosen.files, (*chosen.base_maps, chosen.dem, chosen.mask, chosen.near)),
         dict(zip(_names(chosen.files), chosen.files, strict=True)),
     )
+
+
+def _calibration_notes(camera: DescentCameraChoice, calibration: SelfCalibration) -> Iterator[str]:
+    """Yield a note for each parameter of the camera with an a-priori sigma."""
+    scales = camera.focal_length_mm, 1.0
+    stated = camera.focal_length_mm, camera.distortion[0]
+    for k, (name, unit) in enumerate(zip(NAMES, (" mm", ""), strict=True)):
+        sigma, prior = (scales[k] * float(part[k]) for part in (calibration.sigmas, calibration.prior_sigmas))
+        if calibration.is_estimated[k]:
+            value = stated[k] + scales[k] * float(calibration.values[k])
+            yield f"{name} is estimated as {value:.5g}{unit}, sigma {sigma:.2g} (a-priori {prior:.2g})"
+        elif prior:
+            yield f"{name} is considered: the images do not determine it, sigma {prior:.2g}{unit}"
 
 
 def _altitudes(camera: CameraChoice, frames: Iterable[RegisteredFrame]) -> Iterator[tuple[str, float]]:

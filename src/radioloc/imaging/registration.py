@@ -31,6 +31,7 @@ from radioloc.imaging.map_features import MapFeatures
 from radioloc.imaging.orientation import ConstantOrientation
 from radioloc.imaging.projections import Homographies, Poses, Projections, Relief, pose_of_homography
 from radioloc.imaging.rectification import BoundedView, PlaneView, TerrainView, View, is_near
+from radioloc.imaging.self_calibration import SelfCalibration, self_calibration
 from radioloc.imaging.sensor_models import FrameModel
 from radioloc.labels import Labels
 from radioloc.lunar import TerrainModel
@@ -133,6 +134,26 @@ class Registration:
         common_m2 = np.square(self.map_sigma_m) + self.common_sigma_m**2
         ground = self.plane.covariance_at(place, covariance) + np.diag(common_m2)
         return GroundPoint(float(longitude), float(latitude), ground)
+
+    def self_calibration(self, focal_sigma_part: float, k1_sigma: float) -> SelfCalibration:
+        """Estimate the errors of focal length and k1 from the residuals; all images need a camera."""
+        cameras = [
+            _camera_matrix(image.camera) for _, image in self._images.values() if image.camera is not None
+        ]
+        prior_sigmas = np.array([focal_sigma_part, k1_sigma])
+        return self_calibration(self._ties, self._adjusted, np.array(cameras), prior_sigmas)
+
+    def calibrated_point(
+        self, point: GroundPoint, calibration: SelfCalibration, name: str, pixel: ArrayLike
+    ) -> GroundPoint:
+        """Return the place of a pixel with estimated errors of the camera, and with their covariance."""
+        index, image = self._image(name)
+        undistorted = image.undistorted(np.asarray(pixel, dtype=np.float64)[np.newaxis])[0]
+        by_camera = calibration.place_partials(self._adjusted, index, undistorted)
+        place = self.plane.from_longitude_latitude([[point.longitude_deg, point.latitude_deg]])
+        shifted = self.plane.to_longitude_latitude(place + by_camera @ calibration.values)
+        covariance = point.covariance_m2 + by_camera @ calibration.covariance @ by_camera.T
+        return GroundPoint(float(shifted[0, 0]), float(shifted[0, 1]), covariance)
 
     def tie_points(self) -> dict[str, Any]:
         """Return the tie points: one row for each image that shows one, and one for its place on the map.

@@ -90,7 +90,7 @@ class ImageChoice(GroundChoice):
 
 @dataclass(frozen=True, slots=True)
 class CameraChoice:
-    """Tables ``[camera]``, ``[stereo.left]`` and ``[stereo.right]``; distortion is in OpenCV's order."""
+    """Tables ``[stereo.left]`` and ``[stereo.right]`` and base of ``[camera]``; distortion is in OpenCV's order."""
 
     focal_length_mm: float = entry(positive=True)
     pixel_size_um: float = entry(positive=True)
@@ -107,6 +107,19 @@ class CameraChoice:
         middle = (0.5 * (shape[1] - 1), 0.5 * (shape[0] - 1))
         point = self.principal_point_px or middle
         return Camera.of_pinhole(self.focal_length_mm, self.pixel_size_um, point, self.distortion)
+
+
+@dataclass(frozen=True, slots=True)
+class DescentCameraChoice(CameraChoice):
+    """Table ``[camera]``: camera of a descent with the sigmas of its calibration."""
+
+    focal_length_sigma_mm: float = entry(0.0, not_negative=True)
+    k1_sigma: float = entry(0.0, not_negative=True)
+
+    @property
+    def has_sigmas(self) -> bool:
+        """True if the calibration has an error."""
+        return max(self.focal_length_sigma_mm, self.k1_sigma) > 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -283,7 +296,7 @@ class PointStudy:
 
 TABLES: dict[str, type] = {
     "images": ImageChoice,
-    "camera": CameraChoice,
+    "camera": DescentCameraChoice,
     "image_point": ImagePointChoice,
     "stereo": StereoChoice,
     "stereo.left": CameraChoice,
@@ -339,6 +352,6 @@ def read_image_study(path: str | Path) -> ImageStudy | PointStudy:
     context = references_of(reference, references), path.stem, file
     if name == "images":
         return ImageStudy(
-            table.read(ImageChoice), None if camera is None else camera.read(CameraChoice), *context
+            table.read(ImageChoice), None if camera is None else camera.read(DescentCameraChoice), *context
         )
     return PointStudy(table.read(kinds[name]), *context)

@@ -16,6 +16,7 @@ from radioloc.imaging.image_chain import Frame, ImageChain
 from radioloc.imaging.map_features import MapFeatures
 from radioloc.imaging.projections import Homographies, Poses, Relief
 from radioloc.imaging.registration import adjusted_registration
+from radioloc.imaging.self_calibration import self_calibration
 from radioloc.imaging.tracks import MAP
 from radioloc.lunar import Map, TangentPlane, TerrainModel, cartesian_to_selenographic
 
@@ -217,3 +218,40 @@ def test_homographies_of_poses_agree_with_them_within_the_relief(terrain):
         [(ground(parameters + s) - ground(parameters - s)) / (2.0 * s.max()) for s in steps]
     ).T
     assert partials @ homography.covariance @ partials.T == pytest.approx(covariance, rel=0.1)
+
+
+def calibrated(terrain, seed, prior_sigmas=(0.02, 0.05), focal_error=0.0, k1_error=0.0):
+    """Return calibration and adjustment of tie points of a camera with errors of focal length and k1."""
+    ties, places = drawn_ties(terrain, np.random.default_rng(seed), 0.3, 2.0)
+    from_axis = ties.pixels - CAMERA.matrix[:2, 2]
+    radius2 = (from_axis**2).sum(axis=1, keepdims=True) / CAMERA.matrix[0, 0] ** 2
+    ties = replace(ties, pixels=ties.pixels + from_axis * (focal_error + k1_error * radius2))
+    result = adjusted(terrain, ties, places)
+    cameras = np.repeat(CAMERA.matrix[None], 6, axis=0)
+    return self_calibration(ties, result, cameras, np.array(prior_sigmas)), result
+
+
+def test_focal_length_and_distortion_are_estimated_within_their_sigma(terrain):
+    calibration, _ = calibrated(terrain, 3, focal_error=0.01, k1_error=0.03)
+    assert calibration.is_estimated == (True, True)
+    # The step is linear: right to a twentieth of the errors.
+    error = np.abs(calibration.values - [0.01, 0.03])
+    assert (error < 3.0 * calibration.sigmas + 0.05 * np.array([0.01, 0.03])).all()
+
+
+def test_precise_calibration_is_considered_and_without_sigma_fixed(terrain):
+    calibration, _ = calibrated(terrain, 4, prior_sigmas=(1e-6, 0.0))
+    assert calibration.is_estimated == (False, False)
+    assert calibration.sigmas == pytest.approx([1e-6, 0.0], rel=0.01)
+    assert calibration.values[1] == 0.0
+
+
+def test_place_follows_the_focal_length(terrain):
+    """Add the partial to the place by a wrong focal length; the true place is that of the other camera."""
+    _, right = calibrated(terrain, 5)
+    error, pixel = 5e-3, np.array([220.0, 90.0])
+    calibration, wrong = calibrated(terrain, 5, focal_error=error)
+    moved_m = calibration.place_partials(wrong, 3, pixel)[:, 0] * error
+    true_m = right.place(3, MIDDLE + (pixel - MIDDLE) / (1.0 + error))[0]
+    np.testing.assert_allclose(wrong.place(3, pixel)[0] + moved_m, true_m, rtol=0, atol=0.03)
+    assert np.linalg.norm(moved_m) > 0.2

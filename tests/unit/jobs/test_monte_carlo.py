@@ -19,6 +19,7 @@ import radioloc
 from radioloc import Study
 from radioloc.cli import main
 from radioloc.errors import InputError, RadiolocError
+from radioloc.jobs import workers
 from radioloc.jobs.linear_trials import trial_seed
 from radioloc.jobs.prepared_trials import Prepared
 from radioloc.jobs.workers import workers_of
@@ -233,6 +234,9 @@ def test_unusable_clusters_are_one_error(monkeypatch):
         monkeypatch.setattr(client, "run", lambda function: {})
         with workers_of(client) as pool, pytest.raises(InputError, match="no workers"):
             list(pool.run(_LosingCluster(), 1, [[0]]))
+    monkeypatch.setattr(workers, "_CONNECTION_TIMEOUT_S", 0.5)
+    with pytest.raises(InputError, match="cannot be reached"), workers.dask_client("tcp://127.0.0.1:1"):
+        pass
 
 
 @pytest.mark.slow

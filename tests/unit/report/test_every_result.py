@@ -31,6 +31,7 @@ from radioloc.results.covariance import Contribution, CovarianceStudy, Improveme
 from radioloc.results.monte_carlo import LinearityCheck, MonteCarlo
 from radioloc.results.registry import RESULTS, result_type
 from radioloc.results.result import Table
+from radioloc.results.scores import Score, Scores
 from radioloc.results.state_comparison import StateComparison, StatePair
 from radioloc.results.subsets import Arc, ArcStudy, LeaveOneOut, Omission
 
@@ -123,6 +124,12 @@ MAKERS = {
     "monte_carlo": (trials, {"montecarlo.json", "trials.csv"}),
     "covariance": (plan, {"covariance.json", "covariance.csv"}),
     "accuracy_map": (accuracy_map, {"accuracy_map.json", "accuracy_map.csv", "accuracy_map.tif"}),
+    "scores": (
+        lambda: Scores(
+            {"toy": "a toy"}, (Score("toy", "radioloc", "1", 4, 1.0, 1.2, 0.9, 4, True, "run", 1),), {}
+        ),
+        {"scores.json", "scores.md"},
+    ),
     "leave_one_out": (omissions, {"leave_one_out.json", "leave_one_out.csv"}),
     "image_point": (point, {"solution.json"}),
     "stereo_pair": (
@@ -143,6 +150,7 @@ FIGURES_OF = {
     "monte_carlo": {"trials", "error_by_length"},
     "covariance": {"covariance"},
     "accuracy_map": {"accuracy_map"},
+    "scores": set(),
     "leave_one_out": set(),
     "image_point": {"position"},
     "stereo_pair": {"stereo"},

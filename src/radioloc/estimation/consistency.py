@@ -65,7 +65,7 @@ class Inconsistency:
     """Consistency test of a group of observations or of an explanation, with its result."""
 
     # Removed: "station", "link", "type", "pass"; estimated: "a priori", "parameter", "jump", "offset"; rejected: "run";
-    # stated: "sigma"; corrected: "mistake".
+    # stated: "sigma"; corrected: "mistake"; of an orbit: "forces".
     kind: str
     name: str  # station, link, type or parameter that is tested
     chi2: float  # test statistic
@@ -128,6 +128,8 @@ class Inconsistency:
                 return f"{self.name} is off by {_amount(value, self.unit)}{period}"
             case "mistake":
                 return self.name
+            case "forces":
+                return "the forces of the orbit (gravity field, manoeuvres, radiation) do not fit the observations"
             case "run":
                 return f"{self.dof} observations of {self.name}{period} are off by {value:+.3g} {self.unit}, rejected"
             case "sigma":

@@ -1,6 +1,6 @@
 """Osculating elements of a state.
 
-Angles refer to axes that are the rows of an array, shape (3, 3), such as :func:`equatorial_axes`. Keplerian elements
+Angles are measured in axes given as the rows of an array (3, 3), such as :func:`equatorial_axes`. Keplerian elements
 are those of Montenbruck and Gill (2000), section 2.2. Equinoctial elements, which are regular for circular and
 equatorial orbits, are ex + i ey = e exp(i (periapsis + node)), hx + i hy = tan(i / 2) exp(i node) and the true
 longitude, periapsis + node + true anomaly (Walker, Ireland and Owens 1985, Celestial Mechanics 36, 409).
@@ -35,7 +35,7 @@ _IMAGINARY_STEP = 1e-30  # its square underflows: complex steps give partials wi
 
 
 def equatorial_axes(libration: LunarOrientation, tdb: Epochs) -> Floats:
-    """Return axes of the Moon's equator in the ICRF as rows: node on the xy plane, 90 deg ahead, pole; (3, 3)."""
+    """Return axes of the Moon's equator in the ICRF as rows (3, 3): node on the ICRF xy plane, 90 deg ahead, pole."""
     pole = rot_icrf_to_pa(libration.angles(tdb)[0])[0, 2]
     to_node = np.array([-pole[1], pole[0], 0.0]) / np.hypot(pole[0], pole[1])
     return np.stack([to_node, np.cross(pole, to_node), pole])

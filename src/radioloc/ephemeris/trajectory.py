@@ -112,7 +112,7 @@ class Trajectory:
         InputError
             The code is not an integer.
         """
-        if isinstance(body, bool) or not isinstance(body, int):
+        if isinstance(body, bool) or not isinstance(body, int | np.integer):
             raise InputError(f"body: expected a NAIF code, an integer such as -85, got {body!r}")
         kernel_path = find_kernel(path, "SPK")
         listed: dict[int, list[DafSegment]] = {}
@@ -138,7 +138,7 @@ class Trajectory:
     def geocentric(self, ephemeris: Ephemeris, tdb: EpochsLike) -> tuple[Floats, Floats]:
         """Geocentric position and velocity, geometric (no light time), in barycentric coordinates, ICRF axes.
 
-        Segments are evaluated at one float of seconds since J2000, which resolves 0.12 microseconds: 0.1 mm at 2 km/s.
+        Segments are evaluated at one float, seconds since J2000, to 0.12 microseconds: 0.1 mm at 2 km/s.
         The remainder of the epoch is applied with the velocity, accurate to far below a micrometre.
 
         Raises

@@ -6,12 +6,12 @@
    of a-priori values and of parameters that the fit holds at zero, steps and offsets.
 3. The most significant explanation becomes a parameter, and the tests are repeated until none is significant.
 
-Separability (Förstner 1983). Another explanation remains possible if the finding is not significant once the other
-is a parameter. Such explanations are one finding. Of causes of equal likelihood, the one with the smallest ratio of
-amount to a-priori sigma is named first.
+Separability (Förstner 1983). An explanation cannot be excluded if the finding is no longer significant once that
+explanation is estimated. Explanations that the data cannot separate are reported as one finding. Of explanations with
+equal likelihood, the one with the smallest ratio of amount to a-priori sigma is named first.
 
-Noise that is determined from residuals contains the fault, so that a large fault may be less significant than a small
-one. The most significant explanation is therefore tested with the noise of the residuals after its estimation as well.
+Noise estimated from the residuals contains the fault, so a large fault may be less significant than a small one. The
+most significant explanation is therefore tested a second time, with the noise of the residuals after its estimation.
 That variance ratio follows Fisher's distribution, with the degrees of freedom of the noise.
 
 Probabilities are multiplied by the number of tests (Bonferroni correction).
@@ -61,7 +61,7 @@ _MAX_ROUND_COUNT = 3  # of noise and most significant explanation, each found by
 
 
 @dataclass(frozen=True, slots=True)
-class Inconsistency:
+class ConsistencyTest:
     """Consistency test of a group of observations or of an explanation, with its result."""
 
     # Removed: "station", "link", "type", "pass"; estimated: "a priori", "parameter", "jump", "offset"; rejected: "run";
@@ -80,7 +80,7 @@ class Inconsistency:
     last_utc: str = ""
     prior_sigmas: float | None = None  # amounts over a-priori sigmas, or over the scale of the parameter
     data_values: dict[str, float] = field(default_factory=dict)  # a-priori values from the data alone
-    alternatives: tuple[Inconsistency, ...] = ()  # other explanations that the data cannot exclude
+    alternatives: tuple[ConsistencyTest, ...] = ()  # other explanations that the data cannot exclude
     next_chi2_ratio: float | None = None  # of a mistake: chi-square of the next hypothesis over its own
 
     @property
@@ -116,7 +116,7 @@ class Inconsistency:
         """Cause in words, with its amounts."""
         period = f" from {self.first_utc} to {self.last_utc}" if self.last_utc else ""
         parts = " ".join(
-            f"{value:+.3g} {self.unit}{f' {name}' if name else ''}".replace(" 1", "", self.unit == "1")
+            f"{value:+.3g}{'' if self.unit == '1' else f' {self.unit}'}{f' {name}' if name else ''}"
             for name, value in self.amounts.items()
         )
         value = next(iter(self.amounts.values()), 0.0)
@@ -179,8 +179,8 @@ def _amount(value: float, unit: str) -> str:
 class Consistency:
     """Results of the consistency tests of a fit."""
 
-    groups: tuple[Inconsistency, ...] = ()  # tests of all groups, significant or not
-    found: tuple[Inconsistency, ...] = ()  # significant tests, each with the preceding ones as parameters
+    groups: tuple[ConsistencyTest, ...] = ()  # tests of all groups, significant or not
+    found: tuple[ConsistencyTest, ...] = ()  # significant tests, each with the preceding ones as parameters
     adapted: AdaptedEstimate | None = None  # estimate with the findings as parameters; None without findings
     reliability: tuple[Reliability, ...] = ()  # of all hypotheses on errors that last for the whole arc
 
@@ -228,13 +228,13 @@ def assess_consistency(
     hypotheses: Hypotheses | None,
     epoch_utc: Epochs,
     enu_by_parameters: Floats | None,
-    rejected: Sequence[Inconsistency] = (),
+    rejected: Sequence[ConsistencyTest] = (),
     state_by_parameters: Floats | None = None,
 ) -> Consistency:
     """Test groups of observations, a-priori values, parameters held at zero, steps and offsets.
 
-    Without it a VLBI clock error of 5 ns or a station error of 50 m stays unreported: residuals and status do not show
-    them (`tests/unit/jobs/test_consistency.py`).
+    Without these tests, a VLBI clock error of 5 ns or a station error of 50 m stays unreported: residuals and status do
+    not show them (`tests/unit/jobs/test_consistency.py`).
     """
     if hypotheses is None:
         return Consistency(found=tuple(rejected))
@@ -277,7 +277,7 @@ def rejected_runs(
     runs: Iterable[Rows],
     epoch_utc: Epochs,
     count_s: Floats | None,
-) -> Iterator[Inconsistency]:
+) -> Iterator[ConsistencyTest]:
     """Yield a finding for each run of outliers; its amount is the mean residual, of counts in mm/s."""
     for rows in runs:
         residual_m, unit = edited.fit.residual_m[rows], "m"
@@ -285,7 +285,7 @@ def rejected_runs(
         if count_s is not None and np.isfinite(count_s[rows]).all():
             residual_m, unit = 1e3 * residual_m / count_s[rows], "mm/s"
         first_utc, last_utc = utc_strings(epoch_utc[rows[[0, -1]]], decimals=0)
-        yield Inconsistency(
+        yield ConsistencyTest(
             "run",
             order.series[order.code[rows[0]]].name,
             chi2,
@@ -406,7 +406,7 @@ class _Search:
         best = replace(best, log_chance=min(initial.log_chance, log_ratio_chance + best.log_count))
         return _with_alternatives(best, products, tests, noise_dof) if best.significant else best
 
-    def joint_records(self, findings: list[_Test], problem: BinnedProblem) -> Iterator[Inconsistency]:
+    def joint_records(self, findings: list[_Test], problem: BinnedProblem) -> Iterator[ConsistencyTest]:
         """Yield records of findings: amounts of all together, changes by each with the preceding ones."""
         fitted, changed = self.hypotheses.fitted, self.hypotheses.problem.with_noise_of(problem)
         for test in findings:
@@ -438,7 +438,7 @@ class _Search:
         log_count = _log_test_count(len(self.hypotheses.readmitted))
         return verdict is not None and verdict.log_chance + log_count < math.log(SIGNIFICANCE_LEVEL)
 
-    def record(self, test: _Test) -> Inconsistency:
+    def record(self, test: _Test) -> ConsistencyTest:
         """Return the record of a test."""
         shift_m = sigma_m = None
         verdict, item = test.verdict, test.hypothesis
@@ -454,7 +454,7 @@ class _Search:
                 values = item.prior_values + values
                 data_values = dict(zip(item.components, values.tolist(), strict=True))
         first, last = self._span(test)
-        return Inconsistency(
+        return ConsistencyTest(
             test.kind,
             test.name,
             verdict.chi2,
@@ -472,7 +472,7 @@ class _Search:
         )
 
     def _span(self, test: _Test) -> tuple[str, str]:
-        """First and last epoch, UTC, of the observations in the interval of a test."""
+        """Return the first and last epoch, UTC, of the interval of a test; a jump is located within its bins."""
         if test.span_s is None:
             return "", ""
         order, fit, (begin_s, end_s) = self.hypotheses.order, self.hypotheses.fit, test.span_s
@@ -510,7 +510,7 @@ def _with_alternatives(best: _Test, products: ScoreProducts, tests: list[_Test],
         possible.append(test)
     possible.sort(key=lambda test: (len(test.indices), test.sigmas))
     distinct = dict[tuple[str, Span], _Test]()
-    for test in possible:  # a vector has no other name than its components
+    for test in possible:  # a vector and its components share a name: the simplest one stays
         distinct.setdefault((test.name, test.span_s), test)
     causes = [test for test in distinct.values() if not _is_named_otherwise(test, products, possible)]
     causes.sort(key=_log_odds, reverse=True)

@@ -38,7 +38,7 @@ limit 40 of 100 wrong ranges are rejected without a message (`tests/unit/estimat
 _MAX_PASSES = 20
 _MIN_STUDENTIZED_RATIO = 0.2  # sigma of a residual over that of its observation: leverages up to 0.96
 
-# Successive outliers of one sign: unrelated ones are that by chance in 1 of 10,000 at 3 % outliers.
+# With 3 % independent outliers, a run of this length with one sign begins at one of 150,000 observations.
 _MIN_RUN_COUNT = 3
 
 # Cycle slips
@@ -190,8 +190,8 @@ def _studentized_limits(
     """Limits of studentized residuals (n,), m (Baarda 1968).
 
     With the leverage h, the variance of the residual of an observation of variance s^2 is (1 - h) s^2, or (1 + h) s^2
-    if it is rejected. Without it the rejection of observations of high leverage depends on the start
-    (`tests/unit/jobs/test_locate.py`).
+    if it is rejected. With limits of unscaled residuals, rejections of observations of high leverage would depend on
+    the start of the fit (`tests/unit/jobs/test_locate.py`).
     """
     order = row_order(fit.linearization)
     large = order[(usable & (np.abs(residual_m) > _MIN_STUDENTIZED_RATIO * limit_m))[order]]
@@ -209,7 +209,8 @@ def _break_rejection_cycle(
 ) -> tuple[NDArray[np.bool_], str]:
     """Return the selection; for one that repeats, the intersection of its cycle with a message.
 
-    Without it 5 of 200 fits of residuals with heavy tails do not end (`tests/unit/estimation/test_editing.py`).
+    Without this rule, the editing of residuals with heavy tails can alternate for ever, in 5 of 200 cases of
+    `tests/unit/estimation/test_editing.py`.
     """
     start = next((k for k, selection in enumerate(selections) if np.array_equal(used, selection)), None)
     if start is None:
@@ -217,7 +218,10 @@ def _break_rejection_cycle(
     cycle = np.array(selections[start:])
     common = np.asarray(cycle.all(axis=0))
     count = int((cycle.any(axis=0) & ~common).sum())
-    return common, f"{count} observations at the outlier limit, in and out by turns, are rejected"
+    return (
+        common,
+        f"{count} observations at the outlier limit alternate between used and rejected; all are rejected",
+    )
 
 
 def with_reasons(status: Labels, reasons: Mapping[int, str]) -> Labels:
@@ -283,8 +287,9 @@ class PhaseCounts:
 def phase_faults(edited: EditedFit, order: SeriesOrder, counts: PhaseCounts) -> dict[int, str]:
     """Reasons, by row, of counts with a cycle slip and of rejected counts of a wrong signal.
 
-    Residuals are compared with the scatter of their pass. Without it slips of one cycle below the stated sigma stay in
-    the fit, and counts before the lock have no cause (`tests/unit/estimation/test_phase_editing.py`).
+    Residuals are compared with the scatter of their pass. Compared with the stated sigmas, slips
+    of one cycle would stay in the fit, and rejected counts before the lock would have no cause
+    (`tests/unit/estimation/test_phase_editing.py`).
     """
     usable = edited.initial_status.are(USED) & ~np.isnan(counts.count_s)
     rows = order.order[usable[order.order]]

@@ -1,9 +1,9 @@
 """Weighted batch least squares with a-priori information: the Gauss-Newton iterations of a fit, and its result.
 
 Minimizes, over the parameters x, ``|(o - c(x)) / sigma|^2 + |(x - x_prior) / sigma_prior|^2``; independent
-combinations take the place of observations that share errors. Each step solves the problem linearized where the last
-one led (:mod:`~radioloc.estimation.linearization`). A step that does not lower the sum of squares is damped (Levenberg
-1944, Marquardt 1963) in the same singular basis, at no cost in further factorizations.
+combinations take the place of observations that share errors. Each iteration solves the problem linearized at the
+current estimate (:mod:`~radioloc.estimation.linearization`). A step that does not lower the sum of squares is
+damped (Levenberg 1944, Marquardt 1963) in the same singular basis, without another factorization.
 """
 
 from __future__ import annotations
@@ -111,8 +111,8 @@ class FitResult:
     def noise_scale(self) -> float:
         """Scale factor of the stated sigmas from the reduced chi-square; 1 unless that is significantly larger.
 
-        Correlated weights are scaled already. Without it the mean of two ranges 20 sigmas apart has a sigma of 0.7
-        (`tests/unit/estimation/test_least_squares.py`).
+        Correlated weights are scaled already. Unscaled, the mean of two ranges 20 sigmas apart would have a sigma of
+        0.7 (`tests/unit/estimation/test_least_squares.py`).
         """
         significant = self.dof > 0 and self.chi2 > chi2_quantile(SCALING_PROBABILITY, self.dof)
         return math.sqrt(self.chi2 / self.dof) if significant and self.independent_weights else 1.0
@@ -120,7 +120,7 @@ class FitResult:
     def unit_partials(self, directions: Floats | None = None) -> RowsOf:
         """Return the function from rows (m,) to partials by parameters of unit formal covariance, (m, q).
 
-        Or by some orthonormal directions (q, w) of these, (m, w).
+        With `directions` (q, w), partials with respect to these orthonormal combinations, (m, w).
         """
         free, root = self.parameters.free, self.factor.root_covariance()
         root = root if directions is None else root @ directions

@@ -17,7 +17,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from radioloc.estimation.consistency import Inconsistency
+from radioloc.estimation.consistency import ConsistencyTest
 from radioloc.estimation.editing import EditedFit
 from radioloc.estimation.group_tests import log_probability
 from radioloc.estimation.noise_structure import MIN_DIFFERENCES, Differences
@@ -64,7 +64,7 @@ def noise_over_stated(edited: EditedFit, stated_m: Floats, order: SeriesOrder) -
     return np.fmax(ratios, 1.0)
 
 
-def wrong_sigmas(edited: EditedFit, stated_m: Floats, order: SeriesOrder) -> Iterator[Inconsistency]:
+def wrong_sigmas(edited: EditedFit, stated_m: Floats, order: SeriesOrder) -> Iterator[ConsistencyTest]:
     """Yield a finding for all series, those of a type or a station whose stated sigmas (n,) are wrong by one factor."""
     variance = _variances(edited, stated_m, order)
     is_wrong = (variance > _MIN_RATIO**2) | (variance < _MIN_RATIO**-2)
@@ -83,7 +83,7 @@ def wrong_sigmas(edited: EditedFit, stated_m: Floats, order: SeriesOrder) -> Ite
         open_codes -= {*codes}
         members = edited.fit.used & np.isin(order.code, codes)
         chi2, dof, ratio = float(squares[members].sum()), int(members.sum()), math.sqrt(low * high)
-        yield Inconsistency(
+        yield ConsistencyTest(
             "sigma",
             name,
             chi2,

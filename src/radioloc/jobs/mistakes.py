@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from radioloc.constants import SECONDS_PER_DAY
 from radioloc.errors import ConvergenceError, InputError, RadiolocError
-from radioloc.estimation.consistency import SIGNIFICANCE_LEVEL, Inconsistency
+from radioloc.estimation.consistency import SIGNIFICANCE_LEVEL, ConsistencyTest
 from radioloc.estimation.editing import EditedFit
 from radioloc.estimation.status import FitStatus
 from radioloc.jobs.problem import EstimationProblem
@@ -89,7 +89,7 @@ def _is_mostly_unused(problem: EstimationProblem, used: NDArray[np.bool_]) -> bo
     return bool((2 * count < total).any())
 
 
-def find_mistake(problem: EstimationProblem, x: Floats) -> Inconsistency | None:
+def find_mistake(problem: EstimationProblem, x: Floats) -> ConsistencyTest | None:
     """Return the mistake that explains the observations of an arc with estimate x; None without any."""
     rows = _sample(problem)
     arc, sigma_m = problem.arc.select(rows), problem.noise.sigma_m[rows]
@@ -111,7 +111,7 @@ def find_mistake(problem: EstimationProblem, x: Floats) -> Inconsistency | None:
         return None
     max_ratio = SIGNIFICANCE_LEVEL ** (-2.0 / count)
     alternatives = [(misfit, text) for misfit, text in misfits[1:] if misfit < max_ratio * smallest]
-    return Inconsistency(
+    return ConsistencyTest(
         "mistake",
         name,
         smallest,
@@ -121,7 +121,7 @@ def find_mistake(problem: EstimationProblem, x: Floats) -> Inconsistency | None:
         None,
         {},
         alternatives=tuple(
-            Inconsistency("mistake", text, misfit, count, 0.0, None, None, {})
+            ConsistencyTest("mistake", text, misfit, count, 0.0, None, None, {})
             for misfit, text in alternatives
         ),
         next_chi2_ratio=min(misfits[1][0], stated.sum()) / smallest,

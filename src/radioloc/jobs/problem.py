@@ -1,6 +1,7 @@
-"""The estimation problem of a study: observations with predictor, targets, parameters and covariance of the noise.
+"""The estimation problem of a study.
 
-Every job begins with one: a fit, a covariance analysis, the trials of a Monte Carlo study, and fits of parts of an arc.
+A problem holds the observations, the model that predicts them, the targets, the parameters and the noise covariance.
+Every job begins with it: a fit, a covariance analysis, the trials of a Monte Carlo study, and fits of parts of an arc.
 """
 
 from __future__ import annotations
@@ -43,7 +44,7 @@ from radioloc.targets.target import Target
 from radioloc.time import tai_to_utc, utc_to_tai
 
 _EPHEMERIS_KINDS = ("moon_position", "moon_position_variation", "libration", "libration_variation")
-Kinds = list[tuple[Columns, list[Parameter]]]
+ParameterBlocks = list[tuple[Columns, list[Parameter]]]
 GravityErrorOrbits = Mapping[int, AdjustableOrbit]
 """Orbits with considered errors of their gravity fields, by the index of the target."""
 
@@ -77,8 +78,8 @@ def _considered_choices(
 class ConsideredParameters:
     """Considered parameters of an arc, with their columns of the design matrix."""
 
-    in_weights: Kinds = field(default_factory=list)
-    suboptimal: Kinds = field(default_factory=list)  # left out of the weights on purpose
+    in_weights: ParameterBlocks = field(default_factory=list)
+    suboptimal: ParameterBlocks = field(default_factory=list)  # left out of the weights on purpose
     notes: tuple[str, ...] = ()  # on default kinds that are not considered
 
     @classmethod
@@ -183,7 +184,7 @@ class EstimationProblem:
 
     def candidate_errors(self, model: ObservationModel, x: NDArray[np.float64]) -> ConsideredErrors | None:
         """Return the parameters that the fit holds at zero, with a usual sigma or their scale, at parameters x."""
-        arc, kinds = self.arc.simple, Kinds()
+        arc, kinds = self.arc.simple, ParameterBlocks()
         items = (*model.parameters, *(item for _, members in self.considered.suboptimal for item in members))
         owners: dict[str, set[str]] = {}
         for item in items:
@@ -235,7 +236,10 @@ def arc_parts(whole: EstimationProblem, lengths: Iterable[float]) -> list[ArcPar
 
 
 def observation_model(
-    arc: Predictor, targets: Sequence[Target], choice: EstimateChoice, considered: Kinds | None = None
+    arc: Predictor,
+    targets: Sequence[Target],
+    choice: EstimateChoice,
+    considered: ParameterBlocks | None = None,
 ) -> ObservationModel:
     """Return the parameters of targets, those of the chosen kinds, and considered ones."""
     kinds = [
@@ -253,7 +257,7 @@ def observation_model(
 def with_clock_epoch(estimate: EstimateChoice, arc: Predictor) -> EstimateChoice:
     """Return an estimate with an epoch of its clocks, by default the middle of the arc; parts of the arc keep it.
 
-    A-priori sigmas of offsets and rates at one epoch are another covariance at another one.
+    The same a-priori sigmas of clock offset and rate imply a different covariance at another epoch.
     """
     if estimate.clock_epoch is not None or not len(arc.observations):
         return estimate
@@ -285,7 +289,9 @@ def _columns(
         return chosen_parameters(PARAMETERS[name], chosen, arc.simple, role, estimate.pass_gap_h)
 
 
-def _errors_of(kinds: Kinds, model: ObservationModel, x: NDArray[np.float64]) -> ConsideredErrors | None:
+def _errors_of(
+    kinds: ParameterBlocks, model: ObservationModel, x: NDArray[np.float64]
+) -> ConsideredErrors | None:
     """Return considered parameters with their partials at the parameters x of a model; None of no kinds."""
     if not kinds:
         return None
@@ -344,7 +350,7 @@ def _gravity_errors(orbits: GravityErrorOrbits, model: ObservationModel) -> Cons
 
 
 def _gravity_error_prefixes(orbits: GravityErrorOrbits, model: ObservationModel) -> dict[int, str]:
-    """Return the beginning of the names of the errors of each orbit's field; that of the first names no target."""
+    """Return prefixes of the names of each orbit's gravity errors; that of the first field omits the target."""
     fields, prefixes = dict[tuple[str, int], str](), dict[int, str]()
     for k, orbit in orbits.items():
         field = orbit.forces.gravity

@@ -1,7 +1,7 @@
 """Rotations between the ICRF and the Moon's axes: principal (PA), mean-Earth (ME), the IAU's mean rotation.
 
 A rotation of the axes about x by the angle a is Rx(a) = [[1, 0, 0], [0, cos a, sin a], [0, -sin a, cos a]],
-and so on in turn; ``rot_a_to_b @ vector_in_a`` gives the vector in b.
+Ry and Rz by cyclic permutation; ``rot_a_to_b @ vector_in_a`` gives the vector in b.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ def rot_icrf_to_pa(angles_rad: ArrayLike) -> Floats:
     Notes
     -----
     Folkner, Williams and Boggs (2009), IPN Progress Report 42-178, on the orientation of the Moon. The principal axes
-    are those of the ephemeris that the angles are of: PA_DE421 and PA_DE440 differ by 1.3 to 1.8 m on the
+    are those of the ephemeris from which the angles come: PA_DE421 and PA_DE440 differ by 1.3 to 1.8 m on the
     surface.
 
     Examples
@@ -132,7 +132,7 @@ def rot_icrf_to_iau_moon(tdb: EpochsLike) -> Floats:
     arguments = np.radians(_IAU_TERMS[:, 0] + np.multiply.outer(days, _IAU_TERMS[:, 1]))
     alpha_deg = 269.9949 + 0.0031 * centuries + np.sin(arguments) @ _IAU_TERMS[:, 2]
     delta_deg = 66.5392 + 0.0130 * centuries + np.cos(arguments) @ _IAU_TERMS[:, 3]
-    # By Horner's rule and without whole turns, W keeps its digits though it runs over thousands of turns.
+    # Horner's rule and the reduction modulo 360 deg keep the precision of W, which grows by thousands of turns.
     w_deg = (38.3213 + days * (13.17635815 - 1.4e-12 * days)) % 360.0 + np.sin(arguments) @ _IAU_TERMS[:, 4]
     return rot_icrf_to_pa(np.radians(np.stack([90.0 + alpha_deg, 90.0 - delta_deg, w_deg], axis=-1)))
 

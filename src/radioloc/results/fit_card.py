@@ -1,4 +1,4 @@
-"""Fields of a solution's card on the observations: number, residuals, rejected ones, and the reliability."""
+"""Part of a solution's card on the observations: counts, residuals, rejections and reliability."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.constants import SECONDS_PER_DAY
-from radioloc.estimation.consistency import Inconsistency
+from radioloc.estimation.consistency import ConsistencyTest
 from radioloc.estimation.hypotheses import ALL, TERM
 from radioloc.estimation.reliability import POWER, Reliability
 from radioloc.estimation.statistics import Residuals, chi2_quantile
@@ -56,7 +56,7 @@ def fit_fields(solution: Solution) -> Iterator[Field]:
         Field("data", _data(solution)),
         Field("fit", _fit(solution)),
         _correlated_series(solution),
-        Field("misfit", findings(solution, strongly=False)),
+        Field("misfit", findings(solution, outside_ellipsoid=False)),
         Field("reliability", reliability_lines(solution.consistency.reliability)),
         *_groups(solution),
     )
@@ -76,19 +76,19 @@ def rejected_detail(solution: Solution) -> Detail:
     return Detail(REJECTED, f"{title}, the largest residuals first", (table,), count <= _MAX_UNFOLDED)
 
 
-def inconsistent(solution: Solution, *, strongly: bool) -> Iterator[Inconsistency]:
+def inconsistent(solution: Solution, *, outside_ellipsoid: bool) -> Iterator[ConsistencyTest]:
     """Yield the inconsistencies that move the position out of its 68 % ellipsoid, or all others."""
     for item in solution.consistency.found:
-        if strongly == _leaves_ellipsoid(solution, item.shift_enu_m):
+        if outside_ellipsoid == _leaves_ellipsoid(solution, item.shift_enu_m):
             yield item
 
 
-def findings(solution: Solution, *, strongly: bool) -> Iterator[str]:
+def findings(solution: Solution, *, outside_ellipsoid: bool) -> Iterator[str]:
     """Yield the inconsistencies that move the position out of its ellipsoid, or others, and the adapted position."""
-    texts = [str(item) for item in inconsistent(solution, strongly=strongly)]
-    yield from (f"WARNING: {text}" if strongly else text for text in texts)
+    texts = [str(item) for item in inconsistent(solution, outside_ellipsoid=outside_ellipsoid)]
+    yield from (f"WARNING: {text}" if outside_ellipsoid else text for text in texts)
     adapted, count = solution.with_findings(), len(solution.consistency.found)
-    if adapted is None or not texts or not (strongly or len(texts) == count):
+    if adapted is None or not texts or not (outside_ellipsoid or len(texts) == count):
         return
     longitude_deg, latitude_deg, height_m = adapted.selenographic
     yield (
@@ -145,8 +145,8 @@ def _fit(solution: Solution) -> Iterator[str]:
     line = f"chi2/dof {fit.chi2_per_dof:.3g} with {fit.dof} degrees of freedom"
     if fit.chi2_per_dof > fit.chi2_per_dof_bound:
         line += (
-            f": the residuals are {math.sqrt(fit.chi2_per_dof):.3g} times larger than stated "
-            f"(by chance chi2/dof stays below {fit.chi2_per_dof_bound:.3g} in 99.9 %)"
+            f": the residuals are {math.sqrt(fit.chi2_per_dof):.3g} times their sigmas "
+            f"(with correct sigmas chi2/dof is below {fit.chi2_per_dof_bound:.3g} in 99.9 %)"
         )
     yield line
 
@@ -279,10 +279,17 @@ def _rejected(solution: Solution) -> NDArray[np.intp]:
     return rejected[np.argsort(-size, kind="stable")]
 
 
-_KINDS = ("station_position", "clock", "range_bias", "time_bias", "transponder_delay", "frequency_offset")
+_CARD_KINDS = (
+    "station_position",
+    "clock",
+    "range_bias",
+    "time_bias",
+    "transponder_delay",
+    "frequency_offset",
+)
 """Kinds of error that the card names, the usual faults of stations first."""
 _MAX_KINDS, _MAX_HIDDEN = 4, 3  # a card fits a screen; to_dict() has all of them
-# Least effect on the position, m, of a hidden error that changes an observation by a metre.
+# Smallest effect on the position, m, with which an undetectable error is listed.
 _MIN_EFFECT_M = 0.01
 _TIME_UNITS = ((1e-6, 1e9, "ns"), (1e-3, 1e6, "us"), (1.0, 1e3, "ms"))  # upper bound, s, factor and unit
 
@@ -291,7 +298,7 @@ def reliability_lines(items: Sequence[Reliability]) -> Iterator[str]:
     """Yield the minimal detectable biases, the largest effect of an undetected one, and unrevealed errors."""
     faults = [item for item in items if _is_fault(item)]
     sizes = []
-    for kind in _KINDS:
+    for kind in _CARD_KINDS:
         revealed = [item for item in faults if item.revealed and _kind(item) == kind]
         if revealed:
             item = min(revealed, key=lambda fault: fault.minimal)
@@ -323,7 +330,7 @@ def _is_fault(item: Reliability) -> bool:
 def _hidden(item: Reliability) -> Iterator[str]:
     """Yield an error of a usual kind that the data do not reveal, with its effect on the position."""
     kind, effect_m = _kind(item), item.shift_per_unit_m
-    if kind not in _KINDS or len(item.components) > 1:
+    if kind not in _CARD_KINDS or len(item.components) > 1:
         return
     if effect_m is None:
         yield _name(item)

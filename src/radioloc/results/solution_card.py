@@ -225,7 +225,7 @@ def _status(solution: Solution) -> Iterator[str]:
     yield f"{state} ({iterations}, {plural(solution.passes, 'editing pass', 'es')})"
     if solution.message:
         yield solution.message
-    yield from findings(solution, strongly=True)
+    yield from findings(solution, outside_ellipsoid=True)
 
 
 def _position(solution: Solution) -> Iterator[str]:

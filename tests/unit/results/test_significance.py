@@ -9,7 +9,7 @@ from toy_moon import ToyMoon, toy_solution
 from radioloc.estimation import FitStatus
 from radioloc.estimation.adaptation import AdaptedEstimate
 from radioloc.estimation.combination import Agreement
-from radioloc.estimation.consistency import Consistency, Inconsistency
+from radioloc.estimation.consistency import Consistency, ConsistencyTest
 from radioloc.results.build import compare_with, with_findings
 from radioloc.results.comparison import significant_pairs
 from radioloc.results.fit_card import inconsistent
@@ -36,12 +36,14 @@ def test_a_shift_is_compared_with_the_ellipsoid_in_its_direction(axis):
     solution = toy_solution(ToyMoon(200, 72.0))
     variances, axes = np.linalg.eigh(solution.position_covariance())
     shift_m = 2.5 * np.sqrt(variances[axis]) * axes[:, axis]
-    finding = Inconsistency("offset", "A", 30.0, 1, -6.0, tuple(shift_m), (1.0, 1.0, 1.0), {"": 1.0}, "m")
+    finding = ConsistencyTest("offset", "A", 30.0, 1, -6.0, tuple(shift_m), (1.0, 1.0, 1.0), {"": 1.0}, "m")
     warned = replace(solution, consistency=Consistency(found=(finding,)))
-    assert [*inconsistent(warned, strongly=True)] == [finding]
-    assert [*inconsistent(warned, strongly=False)] == []
+    assert [*inconsistent(warned, outside_ellipsoid=True)] == [finding]
+    assert [*inconsistent(warned, outside_ellipsoid=False)] == []
     small = replace(finding, shift_enu_m=tuple(0.5 * shift_m))
-    assert not [*inconsistent(replace(solution, consistency=Consistency(found=(small,))), strongly=True)]
+    assert not [
+        *inconsistent(replace(solution, consistency=Consistency(found=(small,))), outside_ellipsoid=True)
+    ]
 
 
 @pytest.mark.parametrize(("offset_m", "named"), [(0.9, False), (1.6, True)])
@@ -59,7 +61,7 @@ def test_the_reported_region_covers_the_position_with_the_finding_estimated(sigm
     variances, axes = np.linalg.eigh(solution.position_covariance())
     shift_m = sigmas * np.sqrt(variances[1]) * axes[:, 1]
     shift = solution.enu_by_parameters.T @ shift_m  # the position alone
-    finding = Inconsistency("offset", "A", 30.0, 1, -6.0, tuple(shift_m), (1.0, 1.0, 1.0), {"": 1.0}, "m")
+    finding = ConsistencyTest("offset", "A", 30.0, 1, -6.0, tuple(shift_m), (1.0, 1.0, 1.0), {"": 1.0}, "m")
     tests = Consistency(found=(finding,), adapted=AdaptedEstimate(shift, solution.covariance))
     warned = with_findings(replace(solution, consistency=tests))
     assert warned.status is status
@@ -70,4 +72,4 @@ def test_the_reported_region_covers_the_position_with_the_finding_estimated(sigm
     record = warned.to_dict()["with_findings"]
     assert record["shift_sigmas"] == pytest.approx(sigmas)
     assert [*record["shift"].values()] == pytest.approx(shift_m, abs=1e-9)
-    assert [*inconsistent(warned, strongly=True)] == [finding]
+    assert [*inconsistent(warned, outside_ellipsoid=True)] == [finding]

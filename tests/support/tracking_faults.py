@@ -528,7 +528,7 @@ _RANGING = "{station}|KASHI"
 _CLOCK = "{station}|clock"
 _TAGS = r"time tag|time bias|\bTAI\b|\bTDB\b"
 _ALL_RANGES = "transponder|all ranges|common|range bias"
-_SIGMA = "stated sigma|sigmas? (are|is)|larger than stated|smaller than stated|noise added"
+_SIGMA = "stated sigma|sigmas? (are|is)|times their sigmas|larger than stated|smaller than stated|noise added"
 _OUTLIERS = "outlier|rejected|left out"
 
 _ADVICE = re.compile(r"look for [^|]*|give better ones [^|]*")

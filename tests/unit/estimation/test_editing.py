@@ -88,7 +88,7 @@ def heavy_tails():
 def test_a_rejection_cycle_ends_without_its_observations():
     edited = heavy_tails()
     assert edited.converged
-    assert "in and out by turns" in edited.message
+    assert "alternate between used" in edited.message
 
 
 def test_editing_that_does_not_settle_is_told(monkeypatch):

@@ -120,8 +120,8 @@ def build_solution(
         by_state = np.array(is_axis, dtype=np.float64) if np.any(is_axis) else None
         tests = assess_consistency(hypotheses, epoch_utc, by_parameters, rejected, by_state)
         sigmas = () if stated_m is None else wrong_sigmas(edited, stated_m, order)
-        found = map(_with_forces, tests.found) if by_state is not None else tests.found
-        tests = replace(tests, found=(*found, *sigmas))
+        findings = map(_with_forces, tests.found) if by_state is not None else tests.found
+        tests = replace(tests, found=(*findings, *sigmas))
         solution = with_findings(replace(solution, consistency=tests))
     return solution
 

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from radioloc.estimation.adaptation import MAX_SHIFT_SIGMAS, AdaptedEstimate
 from radioloc.estimation.combination import ReferenceComparison
 from radioloc.estimation.consider import UNMODELLED_ERROR, Consider, ConsideredErrors, reported
-from radioloc.estimation.consistency import Inconsistency, assess_consistency, rejected_runs
+from radioloc.estimation.consistency import ConsistencyTest, assess_consistency, rejected_runs
 from radioloc.estimation.editing import EditedFit, outlier_runs, run_reasons, with_reasons
 from radioloc.estimation.hypotheses import Hypotheses
 from radioloc.estimation.observability import assess_observability
@@ -126,7 +126,7 @@ def build_solution(
     return solution
 
 
-def _with_forces(finding: Inconsistency) -> Inconsistency:
+def _with_forces(finding: ConsistencyTest) -> ConsistencyTest:
     """Name the forces of an orbit before a group of observations, as errors of stations have their own hypotheses."""
     if finding.kind not in ("station", "link", "type", "pass"):
         return finding

@@ -91,10 +91,10 @@ def plot_images(solution: ImageSolution, ax: Axes | None = None) -> Figure:
                 ring = factor * (np.vstack([corner, corner[:1]]) - lander)
                 axes.plot(*ring.T, color=COLORS[3], linewidth=0.7, alpha=0.8, label="images")
         ties = factor * (solution.registration.map_places_m - lander)
-        dots = {"markersize": 2.5, "alpha": 0.7, "label": "tie points with the map"}
+        dots = {"markersize": 2.5, "alpha": 0.7, "label": "tie points on the map"}
         axes.plot(*ties.T, ".", color=COLORS[2], **dots)
         _draw_residuals(axes, ties, solution.registration.map_residuals_m, 0.04 * width * factor)
-        path = {"markersize": 3, "linewidth": 1.0, "label": "middles of the images"}
+        path = {"markersize": 3, "linewidth": 1.0, "label": "middles of images"}
         axes.plot(*(factor * (centres - lander)).T, "o-", color=COLORS[0], **path)
         if len(track):
             line = {"linewidth": 1.0, "label": "camera"}
@@ -112,7 +112,7 @@ def plot_images(solution: ImageSolution, ax: Axes | None = None) -> Figure:
         axes.set_xlabel(f"east of the lander ({unit})")
         if k == 0:
             axes.set_ylabel("north of the lander")
-    legend_outside(figure, panels[:1], 6)
+    legend_outside(figure, panels[:1], 8)
     return figure.figure
 
 
@@ -129,7 +129,7 @@ def _draw_residuals(axes: Axes, ties: Floats, residuals_m: Floats, length: float
     """Draw residuals of tie points on the map as vectors, of which the rms has a length on the axes."""
     rms_m = float(np.sqrt((residuals_m**2).sum(axis=1).mean()))
     vectors = residuals_m * (length / rms_m)
-    label = f"residuals on the map, rms {rms_m:.2g} m"
+    label = f"their residuals, rms {rms_m:.2g} m"
     options: Any = {"color": COLORS[5], "width": 0.0025, "alpha": 0.8, "label": label}
     axes.quiver(*ties.T, *vectors.T, angles="xy", scale_units="xy", scale=1.0, **options)
 

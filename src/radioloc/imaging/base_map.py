@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.errors import InputError
+from radioloc.errors import InputError, in_file
 from radioloc.imaging.mosaic import write_mosaic
 from radioloc.imaging.orthophoto import write_orthophoto
 from radioloc.imaging.point_location import mean_earth_support, provenance_of
@@ -25,6 +25,7 @@ from radioloc.imaging.strip_adjustment import (
     adjust_strips,
     agreement_m,
     ground_partials,
+    pixel_size_m,
     require_connected,
 )
 from radioloc.imaging.strip_ties import find_ground_ties
@@ -234,6 +235,9 @@ def make_base_map(study: PointStudy | str | Path, folder: str | Path, *, progres
     terrain = TerrainModel.open(chosen.dem)
     files = chosen.models or chosen.images
     models = tuple(mean_earth_support(path).model for path in files)
+    for path, model in zip(files, models, strict=True):
+        with in_file(path):  # fails early where the elevation model does not cover an image
+            pixel_size_m(model, 0.5 * np.array(model.shape[::-1], dtype=np.float64), Terrain(terrain))
     sigmas = np.concatenate(
         [
             chosen.position_sigma_m,

@@ -175,6 +175,11 @@ def altitude_m(camera: Camera, ground_pixel_m: ArrayLike) -> Floats:
     return np.asarray(ground_pixel_m, dtype=np.float64) * focal_length_px
 
 
+def sight_matrix(camera: Camera) -> Floats:
+    """Return the matrix to pixels without distortion from axes with z along the line of sight, shape (3, 3)."""
+    return camera.matrix * [camera.looks_along_z, 1.0, 1.0]
+
+
 def undistorted(camera: Camera) -> Callable[[Floats], Floats]:
     """Return the function from pixels, shape (n, 2), to those of the same camera without distortion."""
     straight = _straight(camera)

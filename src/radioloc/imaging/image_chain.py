@@ -7,6 +7,7 @@ predicts. Images without matches keep a status with the reason.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -20,6 +21,7 @@ from radioloc.imaging.frames import load_opencv
 from radioloc.imaging.homography import derivative, transformed
 from radioloc.imaging.map_features import MapFeatures, MapPart
 from radioloc.imaging.matching import Features, Matches, MatchStatus, detect, match
+from radioloc.imaging.oblique import TurnedImage, searched_verticals, vertical_of_homography
 from radioloc.lunar.grey_images import Image, Mask
 from radioloc.vectors import Floats
 
@@ -54,11 +56,17 @@ class FrameStatus(StrEnum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Frame:
-    """Image to be registered; `camera` returns the camera for lines and samples, whose distortion is removed."""
+    """Image to be registered; `camera` returns the camera for lines and samples, whose distortion is removed.
+
+    Features of a `turned` image are those of a view straight down, by its rotation from the camera's axes to the Moon's
+    or by an estimated one.
+    """
 
     name: str
     read: Callable[[], Image]  # eight bits; called once
     camera: Callable[[tuple[int, int]], Camera] | None = None
+    turned: bool = False
+    rot_camera_to_moon: Floats | None = None
 
 
 @dataclass(slots=True, eq=False)
@@ -75,6 +83,7 @@ class ChainImage:
     candidates: int = 0
     to_plane: Floats | None = None  # approximate
     camera: Camera | None = None
+    turned: TurnedImage | None = None
 
     @property
     def centre(self) -> Floats:
@@ -141,6 +150,8 @@ class ImageChain:
             reduction *= 2
         camera = None if frame.camera is None else frame.camera(pixels.shape)
         image = ChainImage(frame.name, size, FrameStatus.UNMATCHED, camera=camera)
+        if frame.turned:
+            self._turn(image, frame.rot_camera_to_moon, pixels, reduction)
         image.features = features = self._features(image, pixels, reduction)
         number = len(self.images)
         image.first = self.tracks.add(number, _DETECTED, features.pixels, features.sigma_px)
@@ -174,6 +185,25 @@ class ImageChain:
         pixel_m = reduction * pixel_size_m(previous.to_plane, previous.size)
         return pixel_m < _MAX_REDUCED_PIXEL_PART * self.map.base.resolution_m
 
+    def _turn(self, image: ChainImage, rotation: Floats | None, pixels: Image, reduction: int) -> None:
+        """Set the view straight down of an image, by its attitude, by that of the previous image, or by a search."""
+        camera, previous = image.camera, self.images[-1] if self.images else None
+        assert camera is not None
+        if rotation is not None:
+            down = -self.map.plane.axes()[2] @ rotation * [1.0, camera.looks_along_z, camera.looks_along_z]
+            image.turned = TurnedImage.of_vertical(camera, image.size, down)
+        elif previous is not None and previous.to_plane is not None:
+            down = vertical_of_homography(camera, previous.to_plane, previous.centre)
+            image.turned = TurnedImage.of_vertical(camera, image.size, down)
+        elif self.searches < _MAX_SEARCHES:
+            views, alarms = [], []
+            for vertical in searched_verticals():
+                image.turned = TurnedImage.of_vertical(camera, image.size, vertical)
+                result = self._search_map(self._features(image, pixels, reduction))
+                views.append(image.turned)
+                alarms.append(math.inf if result is None else result[0].log10_false_alarms)
+            image.turned = views[int(np.argmin(alarms))]
+
     def _features(self, image: ChainImage, pixels: Image, reduction: int) -> Features:
         """Detect features of an image reduced by a whole number, at undistorted pixels of full size."""
         cv2 = load_opencv()
@@ -184,6 +214,11 @@ class ImageChain:
             pixels = cv2.resize(pixels[cut], size, interpolation=cv2.INTER_AREA)
             if mask is not None:
                 mask = cv2.resize(mask[cut].astype(np.uint8), size, interpolation=cv2.INTER_AREA) == 1
+        if image.turned is not None:
+            features = detect(*image.turned.drawn(pixels, mask, reduction), _FEATURE_COUNT)
+            places, size_px = image.turned.straight(features.pixels, reduction)
+            full = pixels.shape[0] * reduction, pixels.shape[1] * reduction
+            return features._replace(pixels=places, sigma_px=features.sigma_px * size_px, shape=full)
         features = detect(pixels, mask, _FEATURE_COUNT)
         return features._replace(
             pixels=image.undistorted((features.pixels + 0.5) * reduction - 0.5),

@@ -20,6 +20,7 @@ from radioloc.imaging.frames import find_mask, read_frame, read_mask
 from radioloc.imaging.homography import transformed
 from radioloc.imaging.image_chain import Frame
 from radioloc.imaging.map_choice import ellipse_of, find_candidates, sun_notes
+from radioloc.imaging.oblique import read_attitudes
 from radioloc.imaging.point_location import FRAME, ground_at, locate_point, locate_stereo, provenance_of
 from radioloc.imaging.registration import RegisteredFrame, Registration, register_chain
 from radioloc.imaging.self_calibration import NAMES, SelfCalibration
@@ -131,8 +132,9 @@ def _locate_on_maps(study: ImageStudy, progress: bool) -> ImageSolution:
 def _locate_lander(study: ImageStudy, base: Map, progress: bool, notes: tuple[str, ...]) -> ImageSolution:
     chosen = study.images
     camera = None if study.camera is None else study.camera.camera
+    attitudes = {} if chosen.attitudes is None else read_attitudes(chosen.attitudes)
     frames = [
-        Frame(name, partial(read_frame, path), camera)
+        Frame(name, partial(read_frame, path), camera, chosen.rectify, attitudes.get(path.name))
         for name, path in zip(_names(chosen.files), chosen.files, strict=True)
     ]
     mask = _mask(chosen)

@@ -264,7 +264,7 @@ def rectified(
     values = np.zeros(visible.shape, image.dtype)
     if not visible.any():
         return values, visible
-    steps = [np.hypot(*np.diff(pixels, axis=k)[_both(visible, k)].T) for k in (0, 1)]
+    steps = [np.hypot(*np.diff(pixels, axis=k)[_visible_pairs(visible, k)].T) for k in (0, 1)]
     reduction = max(1, int(min((float(np.median(step)) for step in steps if len(step)), default=1.0)))
     if mask is not None:
         nearest = np.rint(pixels).astype(int).clip(0, np.array(mask.shape[::-1]) - 1)
@@ -273,7 +273,7 @@ def rectified(
     return values, visible
 
 
-def _both(visible: Mask, axis: int) -> Mask:
+def _visible_pairs(visible: Mask, axis: int) -> Mask:
     """Select neighbours along an axis that are both visible."""
     first, second = (np.take(visible, np.arange(visible.shape[axis] - 1) + k, axis) for k in (0, 1))
     return np.asarray(first & second)

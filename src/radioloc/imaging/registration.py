@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.errors import InputError
 from radioloc.imaging.adjustment import Adjusted, TiePoints, adjust, approximate_places
-from radioloc.imaging.cameras import Camera, distorted
+from radioloc.imaging.cameras import distorted, sight_matrix
 from radioloc.imaging.homography import Homography
 from radioloc.imaging.image_chain import (
     MAX_PIXEL_GROWTH,
@@ -138,7 +138,7 @@ class Registration:
     def self_calibration(self, focal_sigma_part: float, k1_sigma: float) -> SelfCalibration:
         """Estimate the errors of focal length and k1 from the residuals; all images need a camera."""
         cameras = [
-            _camera_matrix(image.camera) for _, image in self._images.values() if image.camera is not None
+            sight_matrix(image.camera) for _, image in self._images.values() if image.camera is not None
         ]
         prior_sigmas = np.array([focal_sigma_part, k1_sigma])
         return self_calibration(self._ties, self._adjusted, np.array(cameras), prior_sigmas)
@@ -202,7 +202,7 @@ class Registration:
                 up_m = math.sqrt(MEAN_LUNAR_RADIUS_M**2 - float(middle_m @ middle_m))
                 point_m = np.append(middle_m, up_m) * (1.0 + height_m / MEAN_LUNAR_RADIUS_M)
             matrix = self._homographies.matrices[index]
-            rotation, position_m = pose_of_homography(_camera_matrix(camera), matrix, point_m)
+            rotation, position_m = pose_of_homography(sight_matrix(camera), matrix, point_m)
         axes = self.plane.axes()
         to_sight = np.diag([1.0, camera.looks_along_z, camera.looks_along_z])
         pose = ConstantOrientation(position_m @ axes, axes.T @ rotation.T @ to_sight)
@@ -395,7 +395,7 @@ def _projections(
     places = approximate_places(ties, matrices)
     sizes = np.array([image.size for image in images], dtype=np.float64)
     homographies = Homographies.of_matrices(matrices, sizes)
-    cameras = [_camera_matrix(image.camera) for image in images if image.camera is not None]
+    cameras = [sight_matrix(image.camera) for image in images if image.camera is not None]
     if terrain is None or len(cameras) < len(images):
         return ties, homographies, places
     west, south, east, north = chain.extent_m
@@ -414,11 +414,6 @@ def _projections(
     places = places[usable]
     points = selected.image, places[selected.point]
     return selected, Poses.of_homographies(relief, np.array(cameras), homographies, *points), places
-
-
-def _camera_matrix(camera: Camera) -> Floats:
-    """Return the matrix to pixels from axes with z along the line of sight."""
-    return camera.matrix * [camera.looks_along_z, 1.0, 1.0]
 
 
 def _require_order(frames: list[RegisteredFrame]) -> None:

@@ -48,6 +48,8 @@ class ImageChoice(GroundChoice):
     base_map: Path | tuple[Path, ...] | None = None
     base_map_epochs: tuple[str, ...] = ()  # UTC, of the images of each map, for its Sun
     mask: Path | None = None  # white for pixels of the ground
+    rectify: bool = False  # detect features in views straight down, of oblique images
+    attitudes: Path | None = None  # table of quaternions for them; without it estimated
     point: str | tuple[float, float] = "centre"  # of the last frame
     point_sigma_px: float = entry(1.0, not_negative=True)
     near: Path | None = None  # solution.json with the centre of the search on the map
@@ -68,6 +70,8 @@ class ImageChoice(GroundChoice):
             raise InputError("shade needs either epoch, or sun_azimuth_deg and sun_elevation_deg")
         if self.shade and self.base_map is not None:
             raise InputError("give either base_map or shade = true, not both")
+        if self.attitudes is not None and not self.rectify:
+            raise InputError("attitudes belongs to rectify = true")
         if self.base_map_epochs:
             epochs_from_strings(list(self.base_map_epochs), "UTC")
             if len(self.base_map_epochs) != len(self.base_maps):
@@ -282,6 +286,10 @@ class ImageStudy:
     references: tuple[Reference, ...] = ()
     name: str = "images"
     path: Path | None = field(default=None, repr=False)
+
+    def __post_init__(self) -> None:
+        if self.images.rectify and self.camera is None:
+            raise InputError("rectify needs the table [camera]")
 
 
 @dataclass(frozen=True, slots=True)

@@ -44,6 +44,8 @@ class Cell:
     prepare: Callable[[], Draws]
     dof: int = 2
     remark: str = ""
+    max_draws: int = DEFAULT_DRAWS
+    """Draws that a cell of long computations takes at most."""
 
 
 @dataclass(frozen=True)
@@ -95,11 +97,10 @@ def held_bounds(count: int, level: float) -> tuple[float, float]:
 
 def cells() -> dict[str, Cell]:
     """Return all cells by name."""
-    import coverage_cells
     import drawn_descents
     import tracking_cells
 
-    modules = (tracking_cells, coverage_cells, drawn_descents)
+    modules = (tracking_cells, drawn_descents)
     return {cell.name: cell for module in modules for cell in module.calibration_cells()}
 
 
@@ -133,14 +134,15 @@ def calibrations(names: Sequence[str], draws: int, folder: Path, workers: int = 
             path = folder / f"{name.replace(' ', '_').replace('/', '_')}.json"
             record = json.loads(path.read_text()) if path.exists() else {}
             squares = record["squares"] if record.get("sources") == sources() else []
-            starts = range(len(squares), draws, CHUNK_DRAWS)
-            tasks = [(name, tuple(range(k, min(k + CHUNK_DRAWS, draws)))) for k in starts]
+            count = min(draws, available[name].max_draws)
+            starts = range(len(squares), count, CHUNK_DRAWS)
+            tasks = [(name, tuple(range(k, min(k + CHUNK_DRAWS, count)))) for k in starts]
             for values in pool.map(drawn_squares, tasks) if workers > 1 else map(drawn_squares, tasks):
                 squares += values
                 part = path.with_suffix(".part")
                 part.write_text(json.dumps({"sources": sources(), "squares": squares}))
                 part.replace(path)
-            yield Calibration(available[name], np.array(squares[:draws]))
+            yield Calibration(available[name], np.array(squares[:count]))
 
 
 def row(result: Calibration) -> str:

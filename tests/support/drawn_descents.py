@@ -114,6 +114,7 @@ def calibration_cells() -> list[Cell]:
         Cell(
             f"images, {ground}, {'with' if with_dem else 'without'} elevation model",
             partial(_descents, relief, with_dem),
+            max_draws=60,
         )
         for ground, relief in (("flat ground", 0.0), ("relief", 1.0))
         for with_dem in (True, False)

@@ -101,14 +101,3 @@ def test_errors_of_stations_that_last(station_sigma_m):
     result = trials(60.0, STATIONS_LAST, "independent", station_sigma_m, TRIAL_COUNT)
     assert all(part.count >= HELD_OF_MANY for part in result.arcs[0].coverage.values())
     assert 0.7 < result.arcs[0].nees.mean < result.arcs[0].nees.high
-
-
-FLICKER = NoiseModel(
-    {"range": Noise(white_m=1.4, flicker_m=1.0), "vlbi_delay": Noise(white_m=0.38, flicker_m=0.1)}
-)
-
-
-def test_flicker_noise_is_covered():
-    """A single Gauss-Markov process in its place holds the truth in 65 of 100."""
-    result = trials(60.0, FLICKER, "correlated", 0.0)
-    assert result.arcs[0].coverage["horizontal"].count >= HELD

@@ -36,16 +36,6 @@ def solutions(request):
     return result
 
 
-@pytest.mark.study
-def test_95_percent_ellipses_hold_the_truth_in_95_percent(solutions):
-    held = 0
-    for solution in solutions:
-        offset_m = np.array([solution.reference.east_m, solution.reference.north_m])
-        covariance = solution.position_covariance("enu", "formal")[:2, :2]
-        held += offset_m @ np.linalg.solve(covariance, offset_m) < 5.991464547107979
-    assert COVERED[0] <= held <= COVERED[1]
-
-
 def test_sigmas_of_each_component_hold_68_percent(solutions):
     sigmas = np.array(
         [[s.reference.east_sigmas, s.reference.north_sigmas, s.reference.up_sigmas] for s in solutions]
@@ -70,23 +60,6 @@ def test_reduced_chi_square_is_one(solutions):
 def test_good_data_are_hardly_ever_cut(solutions):
     # Beyond five sigmas lies one normal residual in 1.7 million; 24000 were fitted.
     assert sum(solution.fit.total.rejected for solution in solutions) == 0
-
-
-@pytest.mark.slow
-def test_scaling_restores_coverage_when_sigmas_are_stated_too_small():
-    model = ToyMoon(60, 48.0, biases=False)
-    held_formal = held_scaled = 0
-    for seed in range(RUNS):
-        solution = toy_solution(model, noise_factor=5.0, seed=seed, reference_pa_m=LANDER_M)
-        offset_m = np.array([solution.reference.east_m, solution.reference.north_m])
-        for level in ("formal", "scaled"):
-            covariance = solution.position_covariance("enu", level)[:2, :2]
-            contained = offset_m @ np.linalg.solve(covariance, offset_m) < 5.991464547107979
-            held_formal += contained and level == "formal"
-            held_scaled += contained and level == "scaled"
-    assert held_formal < 0.3 * RUNS
-    # The scale itself is estimated from 57 degrees of freedom, so the ellipse holds 94.4 % (Hotelling).
-    assert COVERED[0] - 4 <= held_scaled <= COVERED[1]
 
 
 @pytest.mark.slow

@@ -2,9 +2,8 @@
 
 import numpy as np
 import pytest
-from coverage_cells import bounds
 from descent import SITE, Descent
-from scipy.stats import chi2
+from scipy.stats import binom, chi2
 
 import radioloc
 from radioloc.lunar import LunarPosition
@@ -24,5 +23,5 @@ def test_ellipses_hold_the_landing_place(tmp_path):
         assert solution.converged, (seed, solution.message)
         off_m = (solution.rot_pa_to_enu @ (solution.position_pa_m - place_pa_m))[:2]
         horizontal.append(off_m @ np.linalg.solve(solution.position_covariance()[:2, :2], off_m))
-    low, high = bounds(DESCENTS, 0.95, compared=1)
+    low, high = binom.ppf([0.005, 0.995], DESCENTS, 0.95)
     assert low <= (np.array(horizontal) < chi2.ppf(0.95, 2)).sum() <= high

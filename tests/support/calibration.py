@@ -147,19 +147,14 @@ def calibrations(names: Sequence[str], draws: int, folder: Path, workers: int = 
 
 def row(result: Calibration) -> str:
     """Return a row of the table."""
-    low, high = nees_bounds(result.count)
     held = " / ".join(f"{100.0 * part:.0f}" for part in result.held)
-    bounds = ", ".join(f"{100.0 * first:.0f} to {100.0 * last:.0f}" for first, last in result.bounds)
     remark = result.cell.remark if result.is_within else f"**outside** {result.cell.remark}".strip()
-    return (
-        f"| {result.cell.name} | {result.count} | {result.nees:.2f} | {low:.2f} to {high:.2f} | {held} | {bounds} "
-        f"| {remark} |"
-    )
+    return f"| {result.cell.name} | {result.count} | {result.nees:.2f} | {held} | {remark} |"
 
 
 HEADING = (
-    "| cell | draws | NEES/d | bounds | 68 / 95 %: inside, % | bounds | remark |",
-    "| --- | ---: | ---: | --- | --- | --- | --- |",
+    "| cell | draws | NEES/d | inside of 68 / 95 %, % | remark |",
+    "| --- | ---: | ---: | --- | --- |",
 )
 
 

@@ -6,8 +6,7 @@ The whitened errors of a series have the covariance
 
 Flicker noise, whose spectral density falls as 1/f, is a sum of such processes of equal variance with correlation times
 evenly spaced by logarithm (van der Ziel 1950), up to three times the span of the data. One process alone that is fitted
-to it has too little at low frequencies: 95 % ellipses then hold the truth in 65 of 100 trials
-(`tests/statistics/test_correlated_weights.py`). A Kalman filter (Kalman 1960;
+to it has too little at low frequencies: 95 % ellipses then hold the truth in 65 of 100 trials. A Kalman filter (Kalman 1960;
 Tapley, Schutz and Born 2004, section 4.9) turns residuals and design matrix to independent innovations, so the
 likelihood is exact and its cost linear in the observations (Schweppe 1965). What the estimated parameters can absorb is
 projected out (restricted maximum likelihood, Patterson and Thompson 1971):
@@ -24,6 +23,9 @@ time in which tropospheric and instrumental delays change; nine of ten correlati
 hour and four hours. One process and flicker noise are as likely. No test decides between white and correlated noise: at
 the 1 % level it misses processes that double the covariance of a day of VLBI (`tests/statistics/test_calibration.py`).
 Significant correlation alone changes weights and is reported.
+
+Sigmas are thus right in the mean over noise of the a-priori density, not for each noise. An arc that cannot distinguish
+two noises has one covariance for both. Calibrate over drawn noise (`docs/validation.md`).
 """
 
 from __future__ import annotations

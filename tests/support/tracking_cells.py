@@ -76,7 +76,9 @@ def study_of(
     """Return the study of a simulated lander with a height known to 5 m."""
     choices = {"estimate": EstimateChoice(height_prior=HeightPrior(-2550.4, HEIGHT_M))} | choices
     truth_sigma = truth_sigma or TruthSigma(position_enu_m=(0.0, 0.0, HEIGHT_M))
-    world = Scenario(Schedule(sessions, masks), LANDER, noise=noise or NoiseModel({}), truth_sigma=truth_sigma)
+    world = Scenario(
+        Schedule(sessions, masks), LANDER, noise=noise or NoiseModel({}), truth_sigma=truth_sigma
+    )
     return Study(name="cell", target=NEAR, model=ModelChoice(off=["ionosphere"]), simulation=world, **choices)
 
 

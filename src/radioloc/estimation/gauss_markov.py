@@ -7,9 +7,9 @@ The whitened errors of a series have the covariance
 Flicker noise, whose spectral density falls as 1/f, is a sum of such processes of equal variance with correlation times
 evenly spaced by logarithm (van der Ziel 1950), up to three times the span of the data. One process alone that is fitted
 to it has too little at low frequencies: 95 % ellipses then hold the truth in 65 of 100 trials. A Kalman filter
-(Kalman 1960; Tapley, Schutz and Born 2004, section 4.9) turns residuals and design matrix to independent innovations, so the
-likelihood is exact and its cost linear in the observations (Schweppe 1965). What the estimated parameters can absorb is
-projected out (restricted maximum likelihood, Patterson and Thompson 1971):
+(Kalman 1960; Tapley, Schutz and Born 2004, section 4.9) turns residuals and design matrix to independent innovations,
+so the likelihood is exact and its cost linear in the observations (Schweppe 1965). What the estimated parameters can
+absorb is projected out (restricted maximum likelihood, Patterson and Thompson 1971):
 
     -2 log L = log det V + log det(A^T V^-1 A) + (n - d) log w,    w = r^T P r / (n - d),
 

@@ -82,7 +82,7 @@ def test_differences_between_arcs_are_as_large_as_they_should_be(matched):
 
 
 HELD_DRAWN = (0.92, 0.90, 0.885)
-"""1000 trials hold 96.7, 95.4 and 94.2 % of 48, 24 and 12 hours (docs/validation.md): quantiles of 0.1 % of 200."""
+"""1000 trials hold 94.2, 94.3 and 93.3 % of 48, 24 and 12 hours (docs/validation.md)."""
 
 
 @pytest.fixture(scope="module")

@@ -155,8 +155,11 @@ class BinnedProblem:
         """Return the problem with the noise of each series, white by default."""
         # The variance is larger if the whitened residuals of the series are still correlated.
         points, roots, white = self.points, list[Floats](), list[float]()
+        partials = np.concatenate([points.unit, self.prior[:, 1:]])
+        covariance = _scaled_inverse(partials.T @ partials)
         for k, series in enumerate(points.series):
-            part, series_noise = points.of(k), noise.get(series.key) or _white_noise(points, k, estimate)
+            part = points.of(k)
+            series_noise = noise.get(series.key) or _white_noise(points, k, estimate, covariance)
             white.append(series_noise.white)
             identity, width_s = np.eye(part.stop - part.start), float(points.width_s[k])
             roots.append(series_noise.whitened(points.step_s[part], points.gain[part], identity, width_s))
@@ -474,9 +477,12 @@ def _sums_from(values: Floats) -> Floats:
     return np.vstack([np.cumsum(values[::-1], axis=0)[::-1], np.zeros(values.shape[1])])
 
 
-def _white_noise(points: Points, k: int, estimate: Floats) -> SeriesNoise:
-    """White noise with the variance of the residuals; at least the stated one for few observations."""
-    part, count = points.of(k), int(points.count[k])
+def _white_noise(points: Points, k: int, estimate: Floats, covariance: Floats) -> SeriesNoise:
+    """White noise with the variance of the residuals; at least the stated one for little redundancy."""
+    # Parameters of single nights absorb most of laser ranges, and would make their noise too small.
+    part = points.of(k)
+    absorbed = float(np.einsum("nc,cd,nd->", points.unit[part], covariance, points.unit[part]))
+    count = max(float(points.count[k]) - absorbed, 1.0)
     residual = points.residual[part] - points.unit[part] @ estimate
     within_bins = float(points.squares[k] - np.square(points.residual[part]).sum())
     variance = (within_bins + float(residual @ residual)) / count

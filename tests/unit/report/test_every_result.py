@@ -139,7 +139,8 @@ MAKERS = {
     "base_map": (base_map, {"base_map.json", "tie_points.csv"}),
     "images": (
         lambda: locate_images(read_image_study(EXAMPLES / "images" / "descent.toml")),
-        {"solution.json"},
+        {"solution.json", "poses.csv", "tie_points.csv", "images.gpkg", "mosaic.tif"}
+        | {f"rectified/{k:03d}_{k:04d}.tif" for k in range(1, 17)},
     ),
 }
 FIGURES_OF = {

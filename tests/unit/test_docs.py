@@ -150,6 +150,9 @@ def touch_named_files(folder):
         "dsn_2006.tro",
         "dsn_2006.ion",
         "dem_10m.tif",
+        "strip_0236.tif",
+        "strip_0237.tif",
+        "mosaic_7m.tif",
         "grblugf2012_100_0434smmmv1.odf",
         "grblugf2012_101_0350smmmv1.odf",
     ):
@@ -166,8 +169,9 @@ def touch_named_files(folder):
         for axis in ("east", "north")
     ]
     images = recorded("images", sigma_m=(26.0, 26.0, 11.0), method="images", message="", considered=tie)
-    (folder / "out" / "images").mkdir(parents=True)
-    (folder / "out" / "images" / "solution.json").write_text(json.dumps(images))
+    for name in ("images", "radio"):
+        (folder / "out" / name).mkdir(parents=True)
+        (folder / "out" / name / "solution.json").write_text(json.dumps(images))
 
 
 def test_every_key_of_a_study_of_images():

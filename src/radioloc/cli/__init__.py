@@ -55,6 +55,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         # Even where Python is told to make errors of warnings: ours are for the reader, not for a debugger.
         warnings.simplefilter("default", RadiolocWarning)
         show_warnings_once()
+        token = SILENT.set(SILENT.get())
         try:
             options = make_parser().parse_args(arguments)
             SILENT.set(options.quiet)
@@ -76,3 +77,5 @@ def main(arguments: Sequence[str] | None = None) -> int:
         except KeyboardInterrupt:
             complain("interrupted")
             return INTERRUPTED
+        finally:
+            SILENT.reset(token)

@@ -193,7 +193,7 @@ class Hypotheses:
                 continue
             if item.name.count(".") == 2:  # component of a vector
                 places.setdefault(item.name.rpartition(".")[0], []).append(index)
-                if PARAMETERS[item.kind].scopes[0].named:
+                if item.kind in PARAMETERS and PARAMETERS[item.kind].scopes[0].named:
                     common.setdefault((item.kind, f"{ALL}.{item.name.rpartition('.')[2]}"), []).append(index)
             elif item.kind in PARAMETERS and len(PARAMETERS[item.kind].components) == 1:
                 common.setdefault((item.kind, ALL), []).append(index)

@@ -53,12 +53,7 @@ _MAX_DAMPING = 1e3  # largest damping in largest singular values: the step is th
 _SHORT_STEP_SIGMAS = 0.1  # step length below which rounding may raise the sum of squares
 _ROUNDING_OF_ROOT = 1e-4  # relative to the root of the sum: 1e-7 m in residuals of millimetres
 _FLOOR_TOLERANCES = 10.0  # step length, in tolerances, below which steps that do not shrink are rounding
-_TRIANGLE_REUSE_SCALES = (
-    1000.0  # step, in parameter scales, that changes partials of points by less than 1e-5
-)
-_TRIANGLE_REUSE_RATIO = 1e-3
-"""Ratio of a step length to the one before at which the triangle is used again: partials have changed by less. Rates of
-light time over its length, 1e-4, are not in partials, so that steps by new triangles shrink no faster."""
+_TRIANGLE_REUSE_SCALES = 1.0  # step, in parameter scales, that changes the partials by less than 1e-6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -254,14 +249,13 @@ class _Problem:
         return self.point(x, evaluate_step(self.residual_function, x, point.linearization))
 
     def factor_after(self, point: _Point, trial: _Point, factor: Factor) -> Factor | None:
-        """Factor at the end of a step; the present triangle with a new right side where the partials hardly change."""
+        """Factor at the end of a step; the present one, with a new right side, if the fit is about to converge."""
         moved = np.abs(trial.x - point.x) / self.parameters.scales
         if moved.max() <= _TRIANGLE_REUSE_SCALES:
             refreshed_factor = refreshed(
                 factor, trial.linearization, self.whitening, self.parameters, trial.x
             )
-            sufficient = max(self.tolerance(trial), _TRIANGLE_REUSE_RATIO * factor.step_sigmas)
-            if refreshed_factor.step_sigmas < sufficient:
+            if refreshed_factor.step_sigmas < self.tolerance(trial):
                 return refreshed_factor
         return self.factor(trial)
 

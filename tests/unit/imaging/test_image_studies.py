@@ -112,7 +112,7 @@ def test_altitudes_agree_with_the_truth(solution):
 @pytest.mark.usefixtures("undrawn")
 def test_written_solution_has_the_common_keys_and_the_images(solution, tmp_path):
     paths = radioloc.write_report(tmp_path, solution)
-    assert {path.name for path in tmp_path.iterdir()} == {path.name for path in paths}
+    assert {path for path in tmp_path.rglob("*") if path.is_file()} == {*paths}
     content = json.loads((tmp_path / "solution.json").read_text())
     assert {"converged", "position", "sigma", "biases", "fit", "provenance", "images"} <= set(content)
     assert content["position"]["pa"]["frame"] == "PA_DE421"

@@ -406,9 +406,12 @@ def estimate_change(fitted: BinnedProblem, changed: BinnedProblem) -> tuple[Floa
 
 def _scaled_inverse(normal: Floats) -> Floats:
     """Inverse of a normal matrix scaled to unit diagonal, so that the size of a column does not make it dependent."""
+    from scipy.linalg import pinvh
+
     diagonal = np.sqrt(np.diag(normal))
     scale = np.divide(1.0, diagonal, out=np.zeros_like(diagonal), where=diagonal > 0.0)
-    return scale[:, None] * np.linalg.pinv(scale[:, None] * normal * scale, hermitian=True) * scale
+    # The eigenvectors of numpy, by divide and conquer, fail for some well-conditioned matrices of this form.
+    return scale[:, None] * np.asarray(pinvh(scale[:, None] * normal * scale, rtol=1e-15)) * scale
 
 
 def noise_of_each(points: Points) -> dict[str, SeriesNoise]:

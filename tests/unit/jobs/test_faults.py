@@ -42,7 +42,7 @@ def test_benchmark_has_enough_faults_and_cells():
         ("vlbi", "link reversed"),
         *(
             pytest.param("grail", name, marks=pytest.mark.skipif(not REAL.is_dir(), reason="no files"))
-            for name in ("tags in TDB", "half of the count interval")
+            for name in ("tags in TDB", "half of the count interval", "gravity truncated")
         ),
     ],
 )

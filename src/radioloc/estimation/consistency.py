@@ -6,9 +6,9 @@
    of a-priori values and of parameters that the fit holds at zero, steps and offsets.
 3. The most significant explanation becomes a parameter, and the tests are repeated until none is significant.
 
-Separability (Förstner 1983). An explanation cannot be excluded if the finding is no longer significant once that
-explanation is estimated. Explanations that the data cannot separate are reported as one finding. Of explanations with
-equal likelihood, the one with the smallest ratio of amount to a-priori sigma is named first.
+Separability (Förstner 1983). An explanation remains possible if its estimation makes the finding insignificant.
+Explanations that the data cannot separate are reported as one finding. Of explanations with equal likelihood, the one
+with the smallest ratio of amount to a-priori sigma is named first.
 
 Noise estimated from the residuals contains the fault, so a large fault may be less significant than a small one. The
 most significant explanation is therefore tested a second time, with the noise of the residuals after its estimation.

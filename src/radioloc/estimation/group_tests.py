@@ -183,7 +183,7 @@ class BinnedProblem:
     def removal(self, links: Mapping[int, float], span_s: tuple[float, float] = (-np.inf, np.inf)) -> Floats:
         """Columns that take links in an interval out of the fit: partials by its own set of estimated parameters.
 
-        They are over their whitened norms; of fewer points than parameters there are no more than points.
+        Columns are divided by their whitened norms. Their number is at most that of the points in the interval.
         """
         indices, place, _ = self._rows_of(links, span_s)
         rows, index = np.unique(place, return_inverse=True)

@@ -24,7 +24,7 @@ from radioloc.imaging.orientation import matrices_of
 from radioloc.imaging.projections import pose_of_homography
 from radioloc.lunar.grey_images import Image, Mask
 from radioloc.text_files import numbers_of, read_rows
-from radioloc.vectors import Floats
+from radioloc.vectors import Floats, cross_matrices
 
 _COLUMNS = ("file", "qw", "qx", "qy", "qz")
 _MAX_NORM_ERROR = 1e-3  # of a quaternion written with three digits
@@ -43,8 +43,7 @@ class TurnedImage:
     @classmethod
     def of_vertical(cls, camera: Camera, size: tuple[int, int], vertical: Floats) -> TurnedImage:
         """Build from the unit vector down in axes with z along the line of sight; the middle keeps its scale."""
-        axis = np.cross(vertical, [0.0, 0.0, 1.0])
-        cross = np.array([[0.0, -axis[2], axis[1]], [axis[2], 0.0, -axis[0]], [-axis[1], axis[0], 0.0]])
+        cross = cross_matrices(np.cross(vertical, [0.0, 0.0, 1.0]))
         turn = np.eye(3) + cross + cross @ cross / (1.0 + vertical[2])
         matrix = sight_matrix(camera)
         turned = matrix @ turn @ np.linalg.inv(matrix)

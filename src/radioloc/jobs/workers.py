@@ -159,7 +159,7 @@ def dask_client(address: str) -> Iterator[Any]:
 
 def _losses() -> tuple[type[Exception], ...]:
     """Return the errors of executors that lose their workers."""
-    distributed = sys.modules.get("distributed")  # imported by whoever has a client
+    distributed = sys.modules.get("distributed")  # a client implies that it is imported
     return BrokenExecutor, CancelledError, *([] if distributed is None else [distributed.KilledWorker])
 
 

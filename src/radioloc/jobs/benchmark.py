@@ -8,7 +8,6 @@ below 0.1 %, divided by the number of results, or if of many draws too few 95 % 
 from __future__ import annotations
 
 import csv
-import hashlib
 import io
 import math
 from collections.abc import Iterable, Iterator, Mapping
@@ -21,6 +20,7 @@ import numpy as np
 
 from radioloc._version import __version__
 from radioloc.errors import InputError, error_context, require_type
+from radioloc.kernels.files import sha256_of
 from radioloc.lunar.local import axes_at
 from radioloc.lunar.position import LunarPosition
 from radioloc.results.recorded import check_solution
@@ -29,7 +29,7 @@ from radioloc.results.scores import Score, Scores
 from radioloc.study.schema import Hints, TomlTable, entry, toml_content
 from radioloc.study.study_file import read_study
 from radioloc.study.target_file import Place, position_of
-from radioloc.text_files import json_file, read_bytes, read_text
+from radioloc.text_files import json_file, read_text
 from radioloc.time import epochs_from_strings
 from radioloc.vectors import Floats
 
@@ -118,7 +118,7 @@ class Case:
             path = self.folder / item.file
             if not path.is_file():
                 return f"download {item.file} from {item.source}"
-            if item.sha256 and hashlib.sha256(read_bytes(path)).hexdigest() != item.sha256:
+            if item.sha256 and sha256_of(path) != item.sha256:
                 return f"{item.file} differs from the published file; download it again from {item.source}"
         return ""
 

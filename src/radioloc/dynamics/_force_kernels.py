@@ -307,7 +307,7 @@ def _add_point_mass(out: Floats, to: Floats, gm: float) -> None:
 
 @compiled()
 def _gradient(r: Floats, sky: Floats, data: ForceData) -> Floats:
-    """Return partials of the acceleration by position: central term, harmonics, tides and point masses."""
+    """Return partials of the acceleration with respect to position: central term, harmonics, tides and point masses."""
     # Neglected: light, relativity and the figures, below 1e-7 of the central term.
     out = np.zeros((3, 3))
     _add_point_mass(out, r, data.gm[0])
@@ -340,7 +340,7 @@ def _gradient(r: Floats, sky: Floats, data: ForceData) -> Floats:
 
 @compiled(error_model="numpy")
 def _empirical_gradient(y: Floats, empirical: Floats, phase: Floats) -> Floats:
-    """Return partials of empirical accelerations by position and velocity, (3, 6), by central differences."""
+    """Return partials of empirical accelerations with respect to the state, (3, 6), by central differences."""
     out = np.empty((3, 6))
     for k in range(6):
         begin = k // 3 * 3
@@ -373,7 +373,7 @@ def _depends_on_state(empirical: Floats) -> bool:
 def variations(
     y: Floats, sky: Floats, parts: Floats, columns: NDArray[np.int64], data: ForceData
 ) -> tuple[Floats, Floats]:
-    """Return partials of the acceleration by the state, (3, 6), and by parameters, (n_columns, 3), the state held."""
+    """Return partials of the acceleration with respect to the state, (3, 6), and to parameters, (n_columns, 3)."""
     # `parts`: the accelerations at y; `columns`: for each parameter the part that it scales, or -1 for the state at an
     # epoch, and for empirical accelerations row * COMPONENT_COUNT + component.
     r, v = y[:3], y[3:]

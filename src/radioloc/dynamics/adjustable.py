@@ -25,7 +25,7 @@ MAX_START_DEPTH_M = 50e3
 _GROUND_STEP_S = 10.0  # an orbit of eccentricity 0.1 rises by 2 m from its lowest point in half of it
 _CHECK_COUNT = 200  # epochs at which the distance from an integrated orbit is computed
 _COARSE_DEGREE = 40
-_CACHE_SIZE = 4  # integrated orbits in memory; partials by hundreds of parameters take tens of megabytes
+_CACHE_SIZE = 4  # integrated orbits in memory; partials of hundreds of parameters take tens of megabytes
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -152,7 +152,7 @@ class AdjustableOrbit:
         return orbit
 
     def integrate(self, parameters: tuple[str, ...] | None = None) -> Orbit:
-        """Integrate the orbit, with partials by the state and some parameters of the forces, or without partials."""
+        """Integrate the orbit, with or without partials with respect to the state and some force parameters."""
         state = initial_state(self.state[:3], self.state[3:], at_rest=self.touchdown is not None)
         bodies = self.ephemeris, self.libration
         motion = Motion(self.epoch, state, self.forces, *bodies, self.touchdown, self.name, self.min_radius_m)
@@ -175,7 +175,7 @@ class AdjustableOrbit:
         return self.nearest().partials(tdb)
 
     def position_partials(self, tdb: Epochs) -> Floats:
-        """Return partials of the position by the parameters, or by errors, at epochs of TDB, ICRF axes, (n, 3, p)."""
+        """Return d(position)/d(parameter), or of errors, at epochs of TDB, ICRF axes, (n, 3, p)."""
         return (self.partials(tdb) if self.errors is None else self.effects(tdb))[:, :3]
 
     def effects(self, tdb: Epochs) -> Floats:

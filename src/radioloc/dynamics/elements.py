@@ -142,7 +142,7 @@ def state_from_elements(
 
 
 def state_with_partials(elements: Floats, gm_m3_s2: float, axes: Floats, form: str) -> tuple[Floats, Floats]:
-    """Return the state, (6,), and its partials by the elements, (6, 6), which may be NaN unless it is an ellipse."""
+    """Return a state, (6,), and its partials with respect to the elements, (6, 6); NaN unless it is an ellipse."""
     steps = elements + 1j * _IMAGINARY_STEP * np.eye(6)
     states = np.stack([_state(step, gm_m3_s2, axes, form) for step in steps], axis=-1)
     return states[:, 0].real, states.imag / _IMAGINARY_STEP

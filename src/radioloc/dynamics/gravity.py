@@ -160,7 +160,7 @@ class GravityField:
         return self._sums(position_pa_m, acceleration_series(self._coefficients()), 2)
 
     def gradient(self, position_pa_m: ArrayLike) -> Floats:
-        """Return partials of the acceleration by position, 1/s^2, (..., 3, 3), at points as in :meth:`acceleration`."""
+        """Return d(acceleration)/d(position), 1/s^2, (..., 3, 3), at points as in :meth:`acceleration`."""
         xx, xy, xz, yy, yz = np.moveaxis(
             self._sums(position_pa_m, gradient_series(self._coefficients()), 3), -1, 0
         )

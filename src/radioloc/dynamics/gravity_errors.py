@@ -50,7 +50,7 @@ def draw_gravity_errors(
 def gravity_perturbations(
     orbit: Orbit, errors: list[GravityField], libration: LunarOrientation
 ) -> Perturbations:
-    """Return the perturbations of an orbit with partials by gravity field errors, all to one degree.
+    """Return the perturbations of an orbit with partials with respect to gravity field errors, all to one degree.
 
     With the state transition matrix F from the epoch, the change of the state is F(t) times the integral of
     F(s)^-1 (0, a(s)) for accelerations a by the error along the orbit (Montenbruck and Gill 2000, section 7.1).

@@ -1,4 +1,4 @@
-"""Integrated orbit: states of a spacecraft, and their partials by the initial state and by parameters of the forces."""
+"""Integrated orbit: states of a spacecraft, with partials with respect to the initial state and force parameters."""
 
 from __future__ import annotations
 
@@ -115,7 +115,7 @@ class Orbit:
 
     @accepts_quantities
     def partials(self, tdb: EpochsLike) -> Floats:
-        """Return partials of position and velocity by the `parameters` at epochs of TDB, SI, (n, 6, n_parameters).
+        """Return partials of the state with respect to the `parameters` at TDB epochs, SI, (n, 6, n_parameters).
 
         Raises
         ------

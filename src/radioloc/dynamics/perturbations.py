@@ -16,7 +16,7 @@ _STEP_S = 10.0  # harmonics of degree 220 have a wavelength of 30 km, 18 s; step
 class Perturbations:
     """Changes of an orbit by small accelerations, m/s^2, ICRF axes, (n, 3, c); its state at the epoch is unchanged."""
 
-    # The equation is in `gravity_perturbations`; the orbit needs partials by its state at the epoch.
+    # The equation is in `gravity_perturbations`; the orbit needs partials with respect to its state at the epoch.
 
     def __init__(self, orbit: Orbit, accelerations: Callable[[Epochs], Floats]) -> None:
         self.orbit = orbit

@@ -61,8 +61,8 @@ def propagate(
     span_s : tuple of float or Quantity
         First and last time of interest, TDB seconds from the epoch; the orbit also covers the epoch.
     parameters : sequence of str, optional
-        Parameters of the forces (:meth:`Forces.parameters`) with partials, beside the state; empty for partials by the
-        state only, None (the default) without partials.
+        Parameters of the forces (:meth:`Forces.parameters`) with partials, beside the state. Empty: partials with
+        respect to the state only. None (the default): no partials.
     ephemeris : Ephemeris, optional
         Positions and masses of the bodies, and the ephemeris of the lunar orientation; DE421 by default.
     tolerance_m : float

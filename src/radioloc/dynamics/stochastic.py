@@ -2,7 +2,8 @@
 
 Intervals are numbered from the epoch of the orbit, in both directions. The effect of all intervals nearer to the epoch
 is a deviation d of the state, mapped to the epoch by the state transition matrix (pseudo-epoch state, Bierman 1977,
-chapter VII). Observations have the same partials by d as by the state at the epoch, and d_(k+1) = d_k + G_k u_k.
+chapter VII). Observations have equal partials with respect to d and to the state at the epoch, and
+d_(k+1) = d_k + G_k u_k.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ class StochasticEffects:
     """Effects of accelerations of one sigma, by interval from the orbit's epoch in both directions."""
 
     def __init__(self, orbit: Orbit, sigma_m_s2: Floats, interval_s: float) -> None:
-        # The orbit needs partials by its state; sigmas are radial, along, across.
+        # The orbit needs partials with respect to its state; sigmas are radial, along, across.
         self.orbit, self.interval_s = orbit, interval_s
         self.perturbations = Perturbations(
             orbit, lambda tdb: np.swapaxes(rtn_axes(*orbit.states(tdb)), 1, 2) * sigma_m_s2
@@ -59,7 +60,7 @@ class StochasticEffects:
         return chain, step, effect
 
     def state_partials(self, tdb: Epochs) -> Floats:
-        """Return partials of states by the state at the epoch and by accelerations of near intervals, (n, 6, 15)."""
+        """Return partials of states with respect to the state at the epoch and near accelerations, (n, 6, 15)."""
         # An interval and the preceding one have the columns of their remainders by three; the others are zero.
         chain, step, effect = self.intervals(tdb)
         transition = self.orbit.partials(tdb)[:, :, :6]
@@ -100,8 +101,8 @@ class StochasticAccelerations:
 
     chain: NDArray[np.int8]  # AFTER, BEFORE or ACROSS, shape (n,)
     step: NDArray[np.intp]  # interval in its chain, shape (n,)
-    by_state: Floats  # partials by the state at the epoch, m and m/m/s, shape (n, 6)
-    near: Floats  # partials by u, shape (n, s)
+    by_state: Floats  # partials with respect to the state at the epoch, m and m/m/s, shape (n, 6)
+    near: Floats  # partials with respect to u, shape (n, s)
     far: Floats
     moved: Chains  # G, effects of u on the state mapped to the epoch, shapes (K, 6, s)
     persistence: float  # correlation of u in successive intervals, exp(-interval / correlation time)

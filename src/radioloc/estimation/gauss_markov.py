@@ -90,7 +90,7 @@ class Points:
     step_s: Floats  # (n,), time since the point before of the same series, s
     gain: Floats  # (n,), root of the number of observations that a point is the mean of
     residual: Floats  # (n,), whitened by the stated noise
-    unit: Floats  # (n, q), whitened partials by parameters of unit formal covariance
+    unit: Floats  # (n, q), whitened partials with respect to parameters of unit formal covariance
     time_s: Floats = field(default_factory=lambda: np.zeros(0))  # (n,), where it is asked for
 
     def of(self, k: int) -> slice:

@@ -63,7 +63,7 @@ class BinnedProblem:
     prior: Floats  # (k, 1 + c), residual and partials of the a-priori values over their sigmas
     place: NDArray[np.intp]  # (m,), index of the point
     code: NDArray[np.intp]  # (m,), index of the series of single observations
-    values: Floats  # (m, 1 + q), constant of the link, and partials by the estimated parameters
+    values: Floats  # (m, 1 + q), constant of the link, and partials with respect to the estimated parameters
     candidates: Floats  # (m, h), change by one sigma of parameters that the fit holds at zero
     roots: tuple[Floats, ...]  # L of each series of points, V^-1 = L^T L
     white: tuple[float, ...] = ()  # white variance of each series
@@ -181,7 +181,7 @@ class BinnedProblem:
         return columns
 
     def removal(self, links: Mapping[int, float], span_s: tuple[float, float] = (-np.inf, np.inf)) -> Floats:
-        """Columns that take links in an interval out of the fit: partials by its own set of estimated parameters.
+        """Columns that remove links in an interval from the fit: partials with respect to a separate parameter set.
 
         Columns are divided by their whitened norms. Their number is at most that of the points in the interval.
         """

@@ -113,7 +113,7 @@ class FitResult:
         return math.sqrt(self.chi2 / self.dof) if significant and self.independent_weights else 1.0
 
     def unit_partials(self, directions: Floats | None = None) -> RowsOf:
-        """Return the function from rows (m,) to partials by parameters of unit formal covariance, (m, q).
+        """Return the function from rows (m,) to partials with respect to parameters of unit formal covariance, (m, q).
 
         With `directions` (q, w), partials with respect to these orthonormal combinations, (m, w).
         """

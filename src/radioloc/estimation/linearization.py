@@ -43,10 +43,10 @@ class SparseLinearization(Linearization, Protocol):
         """Observations in an order in which few parameters act on those of a part, shape (n,)."""
 
     def estimated_partials(self, rows: Rows) -> Floats:
-        """Return partials by the parameters that are not considered, which come first, shape (m, p - c)."""
+        """Return partials with respect to all parameters but the considered ones, which are last, (m, p - c)."""
 
     def nonzero_partials(self, rows: Rows) -> tuple[NDArray[np.intp], Floats]:
-        """Parameters (k,) that act on some observations, ascending, and the partials by these, (m, k)."""
+        """Parameters (k,) that act on some observations, ascending, and their partials, (m, k)."""
 
 
 ResidualFunction = Callable[[Floats], Any]
@@ -62,7 +62,7 @@ def row_order(linearization: Linearization) -> Rows:
 
 
 def nonzero_partials(linearization: Linearization, rows: Rows) -> tuple[NDArray[np.intp], Floats]:
-    """Return the parameters (k,) that act on some observations, ascending, and the partials by these, (m, k)."""
+    """Return the parameters (k,) that act on some observations, ascending, and their partials, (m, k)."""
     if isinstance(linearization, SparseLinearization):
         return linearization.nonzero_partials(rows)
     partials = linearization.partials(rows)
@@ -153,7 +153,7 @@ class WhitenedPartials:
     from_free: Floats  # (q, q)
 
     def by(self, root: Floats) -> Iterator[Floats]:
-        """Yield partials by combinations of the free parameters, the columns of `root` (q, r), part by part, (m, r)."""
+        """Yield partials of combinations of the free parameters, the columns of `root` (q, r), part by part, (m, r)."""
         from_coordinates = self.from_free @ root
         return (times(part, from_coordinates) for part in self.parts)
 
@@ -248,7 +248,7 @@ def factorize(
 def _whitened_rows(
     linearization: Linearization, whitening: Whitener, free: NDArray[np.intp]
 ) -> Iterator[tuple[NDArray[np.intp], Floats]]:
-    """Whitened partials by the free parameters with the residuals as last column, part by part.
+    """Whitened partials with respect to the free parameters with the residuals as last column, part by part.
 
     The columns (k,) of each part, in any order, are those that are not zero throughout, and their values (m, k).
     """
@@ -295,7 +295,7 @@ class LinearProblem:
     # orthogonal factorization of all rows.
     partials: Floats  # (n, p)
     x: Floats  # (p,), parameters of the residuals
-    basis: Floats  # (n, q), partials by the orthonormal coordinates
+    basis: Floats  # (n, q), partials with respect to the orthonormal coordinates
     from_free: Floats  # (q, q), from changes of the free parameters to coordinates
     to_free: Floats  # (q, q), inverse of `from_free`
     start_rows: NDArray[np.intp]  # (m,), observations of the robust start

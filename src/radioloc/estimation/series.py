@@ -176,7 +176,7 @@ def add_rows(sums: Floats, place: NDArray[np.intp], values: Floats) -> None:
 
 
 def points_of(series: IndependentSeries, rows_of: RowsOf, root: Floats) -> Points:
-    """Points of each series, averaged beyond :data:`MAX_POINTS`, with partials by the parameters times `root`."""
+    """Points of each series, averaged beyond :data:`MAX_POINTS`; their partials are multiplied by `root`."""
     place, begin, width_s = series.bins
     columns, squares = series.binned(series.whitener.whitened(rows_of))
     in_bin = np.bincount(place)

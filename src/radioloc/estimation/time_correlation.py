@@ -117,7 +117,7 @@ def _added(
 
 
 def _without_considered(fit: FitResult, points: Points) -> tuple[Points, Floats]:
-    """Points with considered parameters at their a-priori values and partials by :func:`mixed_units`, and sigmas."""
+    """Points, considered parameters at their a-priori values, partials in :func:`mixed_units`; and sigmas."""
     root = fit.factor.root_covariance()
     units, width = mixed_units(fit)
     sigmas = np.repeat([_FREE_SIGMAS, 1.0], [width, units.shape[1] - width])
@@ -174,7 +174,7 @@ def scaled_covariance(fit: FitResult, noise_scale: float) -> Floats:
 
 
 def rows_of(fit: FitResult) -> RowsOf:
-    """Residuals and partials by the free parameters side by side, of rows (m,), shape (m, 1 + q)."""
+    """Residuals and partials with respect to the free parameters side by side, of rows (m,), shape (m, 1 + q)."""
     free = fit.parameters.free
 
     def values(rows: Rows) -> Floats:

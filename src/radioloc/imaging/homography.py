@@ -91,7 +91,7 @@ def transformed(matrix: Floats, points: Floats) -> Floats:
 
 
 def derivative(matrix: Floats, points: Floats) -> Floats:
-    """Return derivatives of transformed points by the points, shape (n, 2, 2)."""
+    """Return derivatives of transformed points with respect to the points, shape (n, 2, 2)."""
     scale = points @ matrix[2, :2] + matrix[2, 2]
     image = transformed(matrix, points)
     return (matrix[:2, :2] - image[:, :, np.newaxis] * matrix[2, :2]) / scale[:, np.newaxis, np.newaxis]

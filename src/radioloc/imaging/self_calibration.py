@@ -1,8 +1,8 @@
 r"""Self-calibration: focal length and radial distortion of the camera from the tie points of a descent.
 
-The parameters g are the relative error of the focal length and that of k1. C are the partials of all pixels by g, and
-:math:`C_\perp` is the part of C that images and places of tie points do not absorb. With residuals r, weights W and
-a-priori variances S,
+The parameters g are the relative error of the focal length and that of k1. C are the partials of all pixels with
+respect to g, and :math:`C_\perp` is the part of C that images and places of tie points do not absorb. With residuals r,
+weights W and a-priori variances S,
 
 .. math:: (C^T W C_\perp + S^{-1})\, g = C^T W r
 
@@ -46,7 +46,7 @@ class SelfCalibration:
         return bool(focal), bool(k1)
 
     def place_partials(self, result: Adjusted, image: int, pixel: Floats) -> Floats:
-        """Return partials of the place of an undistorted pixel by both parameters, m, shape (2, 2)."""
+        """Return partials of the place of an undistorted pixel with respect to both parameters, m, shape (2, 2)."""
         index = np.array([image])
         place = result.model.place(image, pixel)[np.newaxis]
         projected = result.model.project(index, np.array([0]), place)
@@ -72,7 +72,7 @@ def self_calibration(
 
 
 def _patterns(result: Adjusted, cameras: Floats, image: Indices, pixels: Floats) -> Floats:
-    """Return partials of undistorted pixels by the relative focal length and by k1, shape (2, n, 2)."""
+    """Return partials of undistorted pixels with respect to the relative focal length and k1, shape (2, n, 2)."""
     from_axis = pixels - cameras[image, :2, 2]
     posed = ~result.model.low[image] if isinstance(result.model, Poses) else np.zeros(len(pixels), bool)
     focal_px = np.sqrt(np.abs(np.linalg.det(cameras[:, :2, :2])))[image]

@@ -147,7 +147,7 @@ def corrected_model(model: SensorModel, correction: Floats) -> SensorModel:
 def ground_partials(
     model: SensorModel, pixels: Floats, surface: Surface
 ) -> tuple[Floats, Floats, Floats, Floats]:
-    """Return ground points, (n, 3), partials by corrections, (n, 3, 12), by height, (n, 3), and pixel, (n, 3, 2)."""
+    """Return ground points, (n, 3), and partials: corrections, (n, 3, 12), height, (n, 3), pixel, (n, 3, 2)."""
     # Slopes change within the offsets, and errors of neighbouring heights are equal: heights shall not move images.
     ground = image_to_ground_and_partials(model, pixels, surface, level=True)
     middle_s, half_s = _span_s(model)

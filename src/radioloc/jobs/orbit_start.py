@@ -43,7 +43,7 @@ class StagedStart:
     step_sigmas: Floats  # of the free parameters
     away_s: Floats  # time of each observation from the epoch; infinite for other targets
     target: int = 0
-    # Of the orbit among the partials by all motions.
+    # Of the orbit among the partials with respect to all motions.
     columns: slice = field(default_factory=lambda: slice(None))
 
     @classmethod

@@ -31,7 +31,7 @@ class OrbitPart:
     sigma_m: Floats
     apriori: Floats  # parameters of the orbit: state and forces
     target: int = 0
-    # Of the orbit among the partials by all motions.
+    # Of the orbit among the partials with respect to all motions.
     columns: slice = field(default_factory=lambda: slice(None))
 
     def compute(self, x: Floats) -> Computed:

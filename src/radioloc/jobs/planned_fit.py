@@ -156,7 +156,7 @@ class PlannedFit:
         return replace(planned, tracked_h=(first_s / 3600.0, last_s / 3600.0))
 
     def _local_partials(self, target: int) -> Floats:
-        """Return the partials of a target's position by all parameters, along its axes, (q, 3, p)."""
+        """Return the partials of a target's position with respect to all parameters, along its axes, (q, 3, p)."""
         model = self.part.problem.model
         x, count = model.parameters.prior_values, len(model.parameters)
         by_model = model.local_partials(x, self._epochs, target)[:, :3]

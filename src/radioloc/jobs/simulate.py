@@ -58,7 +58,7 @@ def simulate(study: Study | str | Path, seed: int | None = None, *, draw_errors:
     study = as_study(study)
     scenario = scenario_of(study)
     considered = partial(considered_errors, study)
-    if not draw_errors:  # partials by undrawn errors take hundreds of megabytes at 1 Hz
+    if not draw_errors:  # partials with respect to undrawn errors take hundreds of megabytes at 1 Hz
         scenario = replace(scenario, truth_sigma=TruthSigma(considered=False))
     return scenario.world(model_of(study), considered).draw(seed=seed, draw_errors=draw_errors)
 
@@ -95,7 +95,7 @@ def with_true_positions(study: Study, scenario: Scenario) -> Study:
 
 
 def planned_orbits(study: Study, scenario: Scenario, model: PhysicalModel) -> dict[str, AdjustableOrbit]:
-    """Return the orbits of a study's targets over the sessions of a scenario, with partials by all parameters."""
+    """Return the orbits of a study's targets over the sessions of a scenario, with partials for all parameters."""
     choice = study.estimate.orbit
     return {
         name: scenario.orbit(model, orbiter, choice.parameters(orbiter.forces))

@@ -190,7 +190,7 @@ def series_codes(
     ignored = set(_FREE_IN_A_SERIES)
     media = {medium.name: medium for medium in model.media}
     foreign = bool(set(media) - {"troposphere", "ionosphere", "antenna_axis_offset"})
-    # Partials by the electron content always need the frequencies.
+    # Partials with respect to the electron content always need the frequencies.
     frequencies = more_partials or (
         "ionosphere" in media and (model.ionosphere is not None or model.media_calibrations is not None)
     )
@@ -237,7 +237,7 @@ Layout = dict[str, tuple[slice, tuple[int, ...]]]  # slice of the quantities and
 
 
 def layout(computed: Computed) -> Layout:
-    """Return the layout of columns as quantities; partials by motion follow from those by position."""
+    """Return the layout of columns as quantities; partials with respect to motion follow from those by position."""
     places, end = {}, 0
     for field in fields(Computed):
         if field.name not in ("status", "by_motion"):

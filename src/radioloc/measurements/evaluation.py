@@ -47,7 +47,7 @@ def prepare_predictor(
     targets : sequence of str
         Names of several targets; empty for a single target.
     more_partials : bool
-        Whether to compute partials by station positions and electron contents
+        Whether to compute partials with respect to station positions and electron contents
         (:class:`~radioloc.measurements.predictor.Computed`).
 
     Raises

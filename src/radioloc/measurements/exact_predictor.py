@@ -136,7 +136,7 @@ class ExactPredictor(PreparedPaths):
         return split_ends(self._ends.geocentric_tdb_minus_tt_at(stack_ends(offset_s)))[0]
 
     def _motion_partials(self, path: LightPath, by_position: Floats, by_position_pa: Floats) -> Floats:
-        """Return partials by the parameters of the motions, (n, p); `by_position_pa` is of observations, (n, 3)."""
+        """Return d(value)/d(motion parameter), (n, p); `by_position_pa` is d(value)/d(position), (n, 3)."""
         count = len(self.motions)
         if not self.trajectories:
             return partials_of_points(by_position_pa, self.target, count)
@@ -158,7 +158,7 @@ class ExactPredictor(PreparedPaths):
         return columns[0] if count == 1 else np.hstack(columns)
 
     def _station_partials(self, path: LightPath, by_delay: Floats) -> Floats:
-        """Return partials by the ITRF coordinates of both stations, shape (n, 2, 3)."""
+        """Return partials with respect to the ITRF coordinates of both stations, shape (n, 2, 3)."""
         by_place = by_delay[:, None] * np.concatenate([-path.up_unit, path.down_unit])
         if self.model.has("tdb_tt"):
             # TDB - TT at a station contains v_E . r / c^2, 1e-4 of a displacement, which cancels in two-way values.

@@ -53,7 +53,7 @@ class Computed:
     #: (n, 2), partial derivatives with respect to the vertical electron content above both stations, m/TECU, NaN
     #: without a frequency; shape (n, 0) without ``more_partials``.
     by_electron_content_m: Floats
-    #: (n, 3), mean of the partials by position at both ends of a count interval, for displacements during the
+    #: (n, 3), mean d(value)/d(position) of both ends of a count interval, for displacements during the
     #: interval; else as `by_position_pa`; shape (n, 0) without ``more_partials``.
     mean_by_position_pa: Floats
     #: (n, p), partial derivatives with respect to the parameters of the motions, target by target, m per unit of
@@ -109,7 +109,7 @@ class Predictor(ABC):
     transmitters, receivers : ndarray of int32, shape (n,)
         Indices into ``stations`` of each observation's first and second station, which are equal for one-way.
     more_partials : bool
-        Whether partials by station positions and electron contents are computed.
+        Whether partials with respect to station positions and electron contents are computed.
     """
 
     def __init__(

@@ -132,7 +132,7 @@ class OrbitMotion:
         return id(self.apriori), self.changes.tobytes() if self.changes.any() else b""
 
     def position_partials(self, tdb: Epochs) -> Floats:
-        """Return the partials of the position by the parameters, ICRF axes, shape (n, 3, p)."""
+        """Return the partials of the position with respect to the parameters, ICRF axes, shape (n, 3, p)."""
         return self.trajectory.position_partials(tdb)
 
     def restricted_to(self, first: Epochs, last: Epochs) -> OrbitMotion:
@@ -183,7 +183,7 @@ def positions_pa_m(motions: Motions) -> Floats:
 
 
 def partials_of_points(by_position_pa: Floats, target: NDArray[np.int32], count: int) -> Floats:
-    """Return partials by the positions of `count` targets, (n, 3 count), from those of each row's target, (n, 3)."""
+    """Return d(value)/d(positions of `count` targets), (n, 3 count), from those of each row's target, (n, 3)."""
     if count == 1:
         return by_position_pa
     mask = target[:, None] == np.arange(count)

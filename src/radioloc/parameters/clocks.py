@@ -21,7 +21,7 @@ _SIGN = np.array([-1.0, 1.0])
 
 
 def _moved_tag(rows: ObservationRows) -> Floats:
-    """Return partials of the values by the offset of the clock of the tag, m/s, shape (m, 2)."""
+    """Return partials of the values with respect to the offset of the clock of the tag, m/s, shape (m, 2)."""
     return -(rows.tagged * rows.computed.by_time_m_s[:, None])
 
 
@@ -46,7 +46,7 @@ def _target_offset(rows: ObservationRows) -> Floats:
 
 
 def _target_gains(rows: ObservationRows, gained_s: Floats, at_tag_s: Floats) -> Floats:
-    """Return partials by the gain of the target's clock until its event, or in the count interval, and at the tag."""
+    """Return partials for the gain of the target's clock until its event, or in the count interval, and at the tag."""
     return np.where(rows.one_way, -C_M_S * gained_s - _target_tag(rows) * at_tag_s, 0.0)[:, None, None]
 
 

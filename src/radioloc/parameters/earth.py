@@ -30,7 +30,7 @@ def _station_position(rows: ObservationRows) -> Floats:
 
 
 def _displaced(rows: ObservationRows, shifts: Floats) -> Floats:
-    """Return partials by displacements of stations, ITRF, m per unit, shape (n_stations, 3, components)."""
+    """Return partials with respect to station displacements, ITRF, m per unit, shape (n_stations, 3, components)."""
     by_station, components = rows.computed.by_station_itrf, range(shifts.shape[2])
     # One component after the other in memory
     columns = [sum(by_station[..., i] * shifts[:, i, c][rows.ends] for i in range(3)) for c in components]
@@ -38,7 +38,7 @@ def _displaced(rows: ObservationRows, shifts: Floats) -> Floats:
 
 
 def _rotated(rows: ObservationRows, axes: list[list[float]]) -> Floats:
-    """Return partials by rotations of the Earth about axes, ITRF, rad per unit, shape (components, 3)."""
+    """Return partials with respect to rotations of the Earth about axes, ITRF, rad per unit, shape (components, 3)."""
     return _displaced(rows, np.swapaxes(np.cross(axes, _itrf_m(rows)[:, None]), 1, 2))
 
 

@@ -147,7 +147,7 @@ class ObservationRows:
         return self._prediction.rows(self.rows)
 
     def displacement_partials(self, displacement_pa_m: Callable[[Epochs], Floats]) -> Floats:
-        """Return partials by displacements of the target in principal axes, shape (m, components).
+        """Return partials with respect to displacements of the target in principal axes, shape (m, components).
 
         At k epochs, TDB, `displacement_pa_m` returns the displacement by a unit of each component, m, shape
         (k, components, 3). Its periods are two days or more.

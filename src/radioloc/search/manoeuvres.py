@@ -1,8 +1,9 @@
 """Undocumented manoeuvres: times in an arc at which residuals jump as after a change of the velocity.
 
 An impulse acts on later observations like a change of the state at the epoch that leaves the position at the time of
-the impulse unchanged. Sums over the observations after each time, of partials by the state, therefore give the effect
-of impulses at all times, each with a new fit of the orbit. The best impulse is integrated and adjusted with its time.
+the impulse unchanged. Sums of partials with respect to the state, over the observations after each time, therefore
+give the effect of impulses at all times, each with a new fit of the orbit. The best impulse is integrated and adjusted
+with its time.
 """
 
 from __future__ import annotations
@@ -45,7 +46,7 @@ _STATE_SCALES = np.repeat([1e3, 1.0], 3)
 _NEIGHBOUR_COUNT, _MAX_ISOLATION_SIGMAS = 15, 10.0
 _MAX_RESIDUAL_SIGMAS = 5.0
 _ROUND_COUNT, _MAX_TIME_STEP_S = 8, 600.0
-_DIFFERENCE_S = 0.1  # step of the partials by the time of the impulse
+_DIFFERENCE_S = 0.1  # step of the partials with respect to the time of the impulse
 # Observations this close to the uncertain time are excluded; the interval shrinks by the ratio in each round.
 _EXCLUDED_S, _EXCLUDED_RATIO = 300.0, 0.3
 _MIN_GAP_S = 600.0

@@ -265,7 +265,7 @@ class Scenario:
     def orbit(
         self, model: PhysicalModel, target: StateAndForces, parameters: tuple[str, ...] = ()
     ) -> AdjustableOrbit:
-        """Return an orbit over the sessions, with partials by some parameters of its forces."""
+        """Return an orbit over the sessions, with partials with respect to some parameters of its forces."""
         counts_s = np.nan_to_num([session.count_s for session in self.schedule.sessions])
         return target.orbit_spanning(model, self.schedule.span(), float(counts_s.max()), parameters)
 

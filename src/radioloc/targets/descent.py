@@ -76,7 +76,7 @@ class Descent(OnOrbit):
         return EAST_NORTH_UP
 
     def local_partials(self, x: Floats, tdb: Epochs, rot_pa_to_me: Floats) -> Floats:
-        """Return the partials of the place by x, east, north and up, shape (1, 3, p)."""
+        """Return the partials of the place with respect to x, east, north and up, shape (1, 3, p)."""
         position_pa_m, by_x = self.position(x)
         return (rot_pa_to_enu(position_pa_m, rot_pa_to_me) @ by_x)[None]
 
@@ -125,7 +125,7 @@ class Descent(OnOrbit):
         return np.concatenate([state, x[6:]]) - apriori, partials
 
     def position(self, x: Floats) -> tuple[Floats, Floats]:
-        """Return the place in principal axes, m, and its partials by all parameters, shape (3, p)."""
+        """Return the place in principal axes, m, and its partials with respect to all parameters, shape (3, p)."""
         place_pa_m, by_x = self.place(x[:3])
         return place_pa_m, np.pad(by_x, ((0, 0), (0, len(x) - 3)))
 

@@ -24,7 +24,7 @@ from radioloc.vectors import Floats
 
 Rows = NDArray[np.intp]
 
-_MIN_KEPT_ROWS = 2**16  # of an arc whose partials by considered parameters are kept: fewer take little time
+_MIN_KEPT_ROWS = 2**16  # of an arc whose partials of considered parameters are kept: fewer take little time
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +39,7 @@ class ObservationModel:
     reference: Epochs | None = None  # epoch that rates refer to, TAI; the middle of the arc as a rule
     process: StochasticAccelerations | None = None  # of the orbit
     considered_kinds: int = 0  # number of kinds, the last, whose parameters are considered
-    # Partials by these for a long arc: they change by parts of 1e-4 while the estimate moves by kilometres.
+    # Their partials for a long arc: they change by parts of 1e-4 while the estimate moves by kilometres.
     partials_cache: list[PartialsByLink] = field(default_factory=list, compare=False, repr=False)
 
     @classmethod
@@ -107,7 +107,7 @@ class ObservationModel:
         return replace(self, targets=tuple(targets))
 
     def motion_columns_of(self, target: int) -> slice:
-        """Return the columns of a target among the partials by all motions."""
+        """Return the columns of a target among the partials with respect to all motions."""
         x = self.parameters.prior_values
         sizes = [len(item.motion(x[self.columns_of(k)])[1]) for k, item in enumerate(self.targets)]
         return slice(sum(sizes[:target]), sum(sizes[: target + 1]))
@@ -134,7 +134,7 @@ class ObservationModel:
         return partials
 
     def local_partials(self, x: Floats, tdb: Epochs, target: int = 0) -> Floats:
-        """Return the partials of a target's position or state along its axes by all parameters, (q, d, p)."""
+        """Return d(position or state of a target along its axes)/d(all parameters), (q, d, p)."""
         columns, rot = self.columns_of(target), rot_pa_to_me(self.predictor.model.ephemeris.constants)
         by_x = self.targets[target].local_partials(x[columns], tdb, rot)
         partials = np.zeros((*by_x.shape[:2], len(self.parameters)))
@@ -195,11 +195,11 @@ class DesignMatrix:
         return self._partials(rows, len(self.model.targets), len(self.model.columns))
 
     def estimated_partials(self, rows: Rows) -> Floats:
-        """Return the partials by all parameters but the considered ones, the last, shape (m, p - c)."""
+        """Return the partials with respect to all parameters but the considered ones, the last, shape (m, p - c)."""
         return self._partials(rows, len(self.model.targets), self.model.estimated_kinds)
 
     def nonzero_partials(self, rows: Rows) -> tuple[NDArray[np.intp], Floats]:
-        """Return the parameters (k,) that act on some observations, and the partials by these, (m, k)."""
+        """Return the parameters (k,) that act on some observations, and the partials with respect to these, (m, k)."""
         partials_by_link = self._partials_by_link()
         if partials_by_link is None:
             partials = self.partials(rows)
@@ -212,7 +212,7 @@ class DesignMatrix:
         return np.concatenate([np.arange(first), first + parameters]), out
 
     def _partials(self, rows: Rows, targets: int, kinds: int) -> Floats:
-        """Return partials by the first targets and kinds of parameter."""
+        """Return partials with respect to the first targets and kinds of parameter."""
         columns = partial(self._simple, first=targets, kinds=self.model.columns[:kinds])
         if isinstance(self.prediction, CombinedPrediction):
             return self.prediction.combine(rows, columns)
@@ -226,7 +226,7 @@ class DesignMatrix:
         return out
 
     def _partials_by_link(self) -> PartialsByLink | None:
-        """Return partials of a long arc by the considered parameters; None for short arcs and combined observations."""
+        """Return partials of a long arc with respect to considered parameters; None if they are not kept."""
         model, combined = self.model, isinstance(self.prediction, CombinedPrediction)
         if not model.considered_kinds or combined or len(self.residual_m) < _MIN_KEPT_ROWS:
             return None
@@ -322,7 +322,7 @@ def _as_slice(rows: Rows) -> Rows | slice:
 
 
 def effects_on_orbit(predictor: Predictor, orbit: AdjustableOrbit, target: int) -> Floats:
-    """Return the partials of all observations by the parameters of a target's orbit, or by its errors, (n, k)."""
+    """Return the partials of all observations with respect to the parameters, or errors, of an orbit, (n, k)."""
     motions: list[TargetMotion] = [
         motion if motion.trajectory is None else TrajectoryMotion(motion.trajectory)
         for motion in predictor.motions

@@ -64,7 +64,7 @@ class OnOrbit:
         return ALONG_ACROSS_RADIAL
 
     def local_partials(self, x: Floats, tdb: Epochs, rot_pa_to_me: Floats) -> Floats:
-        """Return the partials of the states at epochs by x, along, across and radial, shape (n, 6, p)."""
+        """Return the partials of the states at epochs with respect to x, along, across and radial, shape (n, 6, p)."""
         changes, by_x = self.changes(x)
         orbit = self.orbit.corrected(changes)
         return along_across_radial(orbit, tdb, orbit.partials(tdb) @ by_x)

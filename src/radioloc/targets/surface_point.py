@@ -59,7 +59,7 @@ class SurfacePoint(WithoutForces):
         return self.motion(np.array([item.prior_value for item in self.parameters]))[0]
 
     def local_partials(self, x: Floats, tdb: Epochs, rot_pa_to_me: Floats) -> Floats:
-        """Return the partials of the place by x, east, north and up, shape (1, 3, p)."""
+        """Return the partials of the place with respect to x, east, north and up, shape (1, 3, p)."""
         position_pa_m, by_x = self.position(x)
         return (rot_pa_to_enu(position_pa_m, rot_pa_to_me) @ by_x)[None]
 

@@ -73,13 +73,13 @@ class Target(Protocol):
         """A-priori motion, at which visibility is decided first."""
 
     def motion(self, x: Floats) -> tuple[TargetMotion, Floats]:
-        """Return the motion, and the partials of its own parameters by x, shape (q, p)."""
+        """Return the motion, and the partials of its own parameters with respect to x, shape (q, p)."""
 
     def solved(self, target_values: Floats, x: Floats) -> Floats:
         """Return x with this target's parameters for wanted motion parameters: a position, m, or those of an orbit."""
 
     def position(self, x: Floats) -> tuple[Floats, Floats]:
-        """Return the place on the Moon, principal axes, m, and its partials by x, (3, p); zeros of a spacecraft."""
+        """Return the place on the Moon, principal axes, m, and its partials for x, (3, p); zeros of a spacecraft."""
 
     def orbit_at(self, x: Floats) -> AdjustableOrbit | None:
         """Return the orbit of parameters x, if the motion follows from forces."""
@@ -92,7 +92,7 @@ class Target(Protocol):
         """Names of the axes of its errors, the first two horizontal."""
 
     def local_partials(self, x: Floats, tdb: Epochs, rot_pa_to_me: Floats) -> Floats:
-        """Return the partials of position or state along the axes by x, shape (q, d, p).
+        """Return the partials of position or state along the axes with respect to x, shape (q, d, p).
 
         Of a place q is 1 and d is 3, m. Of an orbit q is the number of epochs (TDB) and d is 6, m and m/s.
         """

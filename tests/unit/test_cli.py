@@ -202,13 +202,6 @@ def test_bad_studies(content, parts, run, folder):
     refused(run(content), *parts)
 
 
-def test_study_that_is_a_folder(folder, capsys):
-    assert cli.main(["locate", str(folder)]) == 2
-    out, err = capsys.readouterr()
-    assert out == ""
-    assert err == f"radioloc: {folder}: is a directory; give the study file in it\n"
-
-
 @pytest.mark.study
 def test_output_that_cannot_be_written(run, folder):
     refused(
@@ -282,16 +275,6 @@ def test_a_study_s_json_is_that_of_its_file(run, folder):
     assert outcome.out == (folder / "out" / "solution.json").read_text(encoding="utf-8")
 
 
-def test_json_of_stations_and_frames_has_the_numbers_of_the_library(capsys):
-    assert cli.main(["stations", "kashi", "--json"]) == 0
-    [station] = json.loads(capsys.readouterr().out)
-    assert station["itrf_m"] == radioloc.StationCatalogue.default().get("KASHI").itrf_m.tolist()
-    assert cli.main(["frames", "3.6", "26.1", "-1900", "--frame", "PA_DE421", "--json"]) == 0
-    rows = {row["frame"]: row for row in json.loads(capsys.readouterr().out)}
-    place = radioloc.LunarPosition.from_selenographic(3.6, 26.1, -1900.0, "PA_DE421")
-    assert rows["ME_DE421"]["xyz_m"] == list(place.to_frame("ME_DE421").xyz_m)
-
-
 class Stream(io.StringIO):
     """Standard input, of which the bytes are read."""
 
@@ -311,13 +294,6 @@ def test_a_study_from_standard_input_has_paths_relative_to_the_working_directory
     assert from_stream["provenance"].pop("study") is None
     assert from_file["provenance"].pop("study")["file"] == str(folder / "stdin.toml")
     assert from_stream == from_file
-
-
-@pytest.mark.parametrize("command", ["locate", "images"])
-def test_mistakes_in_a_study_from_standard_input_are_told_of_it(command, capsys, monkeypatch):
-    monkeypatch.setattr(sys, "stdin", Stream("[taget]\n"))
-    assert cli.main([command, "-"]) == 2
-    refused(Outcome(2, *capsys.readouterr()), "radioloc: stdin: 'taget' is not known")
 
 
 @pytest.mark.study

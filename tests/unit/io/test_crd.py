@@ -118,31 +118,21 @@ def test_session_rms_stands_in_for_a_missing_one():
     [
         ("H1 CRD  2", "H1 CRD  3", "version 1 or 2"),
         ("7845 78  1  7", "7845 78  1  1", "time scale 1 is not UTC"),
-        ("7845 78  1  7", "784 78  1  7", "four-digit pad number"),
         ("na 0 1 3", "na 0 4 3", "transponder"),
         ("0000103 0103", "0000100 0103", "number 103 of apollo15, got 0000100"),
-        ("H3 apollo15", "H3 L2", "number 104 of luna21, got 0000103"),
         ("H4  1 2024", "H4  0 2024", "'data type' 1 of normal points, got 0"),
         ("H4  1 2024 05 13", "H4  1 2024 02 30", "not a date that exists"),
-        ("H4  1 2024 05 13", "H4  1 1024 05 13", "a year from 1972 to 2100, got the date 1024-05-13"),
         ("2024 05 13 17 01 47", "2024 05 14 17 01 47", "lasts 24.84 h"),
         ("0 0 0 0 1 0 2 0", "0 1 0 0 1 0 2 0", "refraction corrected"),
-        ("0 0 0 0 1 0 2 0", "0 0 1 0 1 0 2 0", "centre of mass"),
         ("0 0 0 0 1 0 2 0", "0 0 0 0 0 0 2 0", "system delay applied"),
-        ("0 0 0 0 1 0 2 0", "0 0 0 0 1 0 1 0", "'range type' 2 of normal points, got 1"),
         ("C0 0 532.100 me08", "C0 0 532.100 me09", "no record C0"),
-        ("C0 0 532.100", "C0 0 -1", "not that of a laser"),
         ("11 58591.933300993282", "11 5.8e4x", "second of day is '5.8e4x'"),
         ("11 58591.933300993282", "11 65000.0", "outside the pass"),
-        ("2.581730448437", "-2.581730448437", "got -2.58"),
-        ("me08 2 582.0 40", "me08 2.5 582.0 40", "not a whole number"),
         ("me08 2 582.0 40", "me08 5 582.0 40", "epoch event 5 is not modelled"),
-        ("me08 2 582.0 40", "me08 2 582.0 0", "number of ranges is 0"),
         ("40 253.2 -0.040 -0.300  na 0.7 0 3.1", "40 253.2 -0.040", "cut"),
         ("871.95 287.25 63", "871.95 14.10 63", "temperature_k: expected 150 to 350, got 14.1"),
         ("40 58579", "10 58579", "full-rate"),
         ("H5  0 24", "±  0 24", r"not known|ASCII"),
-        ("H5  0 24", "\tH  0 24", r"record \\tH: is not known"),
         ("H8", "00", "has no end"),
     ],
 )
@@ -157,9 +147,7 @@ def test_records_out_of_place_are_refused(crd_lines):
     cases = [
         (["11 1 2.5 a 2 1 1 1 0 0 0 0 0 0", *crd_lines], "stands outside"),
         ([*crd_lines, "H8"], "stands outside"),
-        ([crd_lines[0], *crd_lines[3:]], "station .H2. and target"),
         (session(), "no normal points"),
-        (["h1 CRD 2 2025 6 26 21", "h9"], "no pass"),
         ([line for line in crd_lines if not line.startswith("H4")], "outside a pass"),
     ]
     for lines, words in cases:
@@ -171,11 +159,6 @@ def test_a_configuration_has_one_wavelength_in_a_pass():
     with pytest.raises(FileFormatError, match=r"6:.*'std3'"):
         parse_crd("a.np2", session("c0 0 1064.0 std3 lpd", point(8215)), None)
     assert len(parse_crd("a.np2", session("c0 0 532.0 std3 lpd", point(8215)), None)) == 1
-
-
-def test_a_configuration_of_a_session_that_was_cut_does_not_reach_into_the_next():
-    cut = [line for line in session() if not line.startswith(("h4", "h8", "h9"))]
-    assert len(parse_crd("a.np2", [*cut, *session("c0 0 1064.0 green lpd", point(8215))], None)) == 1
 
 
 GRASSE_2015 = """\
@@ -199,12 +182,6 @@ def test_version_1_as_grasse_wrote_it():
     assert read.paths().tolist() == ["GRSM>apollo15>GRSM"] or read.paths().tolist() == ["7845>apollo15>7845"]
     assert read.value_m[0] / C_M_S == pytest.approx(2.660923125349, abs=1e-15)
     assert (read.pressure_hpa[0], read.temperature_k[0]) == (873.84, 279.34)
-
-
-def test_a_header_that_dates_only_the_first_point():
-    h4 = "h4  1 2024  4 12  2 15 23 2024  4 12  2 15 23  1 0 0 0 1 0 2 0"
-    points = [point(8123), point(8123 + 5 * 3600)]
-    assert len(parse_crd("a.np2", session(*points, h4=h4), None)) == 2
 
 
 def h4_of(begin, end):

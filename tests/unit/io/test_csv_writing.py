@@ -1,7 +1,6 @@
 """Columns as comma-separated text: to the letter what Python writes, or what Python reads as the same float."""
 
 import numpy as np
-import pyarrow
 import pytest
 
 from radioloc.errors import InputError
@@ -24,28 +23,6 @@ def test_decimals_are_those_of_python(tmp_path):
     written = write(tmp_path / "a.csv", {"x": values}, {"x": 7}).splitlines()
     assert written[1:] == [f"{value:.7f}" for value in values]
     assert written[1:5] == ["1.0000000", "-10.0000000", "2000.0000000", "-0.0000000"]
-
-
-@pytest.mark.study
-def test_shortest_numbers_come_back_to_the_last_bit(tmp_path):
-    rng = np.random.default_rng(2)
-    values = rng.normal(0.0, 1.0, 30_000) * 10.0 ** rng.integers(-300, 300, 30_000)
-    values = np.concatenate([values, values.round(3), [0.0, -0.0, 5e-324, 1e16, 1e-5, 0.1]])
-    batch = pyarrow.record_batch({"x": pyarrow.array(values), "none": pyarrow.nulls(len(values), "float64")})
-    write_csv(tmp_path / "a.csv", [batch])
-    cells = [line.split(",") for line in (tmp_path / "a.csv").read_text().splitlines()[1:]]
-    assert all(missing == "" for _, missing in cells)
-    np.testing.assert_array_equal(
-        np.array([float(cell) for cell, _ in cells]).view(np.int64), values.view(np.int64)
-    )
-    # No digit more than Python needs.
-    assert all(
-        len(cell.replace(".", "").lstrip("-0").partition("e")[0]) <= 17
-        and float(cell) == value
-        and len(cell) <= len(repr(value)) + 1
-        for (cell, _), value in zip(cells, values.tolist(), strict=True)
-        if 1e-4 < abs(value) < 1e9
-    )
 
 
 def test_texts_of_any_script_over_several_blocks(tmp_path):

@@ -58,12 +58,6 @@ def test_earth_direction_by_spice_from_the_lander_frame(tmp_path, ephemeris):
     np.testing.assert_allclose(position_km.T * 1e3, [north_m, -east_m, up_m], atol=0.002)
 
 
-def test_loaded_kernels_of_spice_are_unchanged(tmp_path):
-    kernel_count = spiceypy.ktotal("ALL")
-    write_spice(tmp_path / "lander.bsp", content(), body=-900)
-    assert spiceypy.ktotal("ALL") == kernel_count
-
-
 @pytest.mark.parametrize(
     ("change", "name", "code", "message"),
     [
@@ -173,14 +167,6 @@ def test_the_ellipse_is_that_of_the_covariance(tmp_path, longitude_deg):
         offset = (rings[f"lander 5, {name}"] - [longitude_deg, PLACE[1]]) * metres
         np.testing.assert_allclose(np.einsum("ni,ij,nj->n", offset, inverse, offset), squared, rtol=1e-4)
         assert (offset[0] == offset[-1]).all()
-
-
-def test_every_reference_is_a_point_once(tmp_path):
-    image_reference = content()["reference"] | {"name": "orbital image"}
-    several = [content() | {"references": [image_reference]}, content()]
-    features = json.loads(write_gis(tmp_path / "a.geojson", several).read_text())["features"]
-    names = [item["properties"]["name"] for item in features if item["properties"]["kind"] == "reference"]
-    assert names == ["benchmark", "orbital image"]
 
 
 @pytest.mark.parametrize("ending", ["geojson", "md"])

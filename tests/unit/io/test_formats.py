@@ -6,7 +6,7 @@ import pytest
 
 from radioloc.earth import StationCatalogue
 from radioloc.errors import DataQualityWarning, FileFormatError
-from radioloc.io.formats import READERS, read_observations
+from radioloc.io.formats import read_observations
 
 
 def test_all_formats_together(crd_lines, mini_lines, table_lines, tmp_path):
@@ -38,21 +38,3 @@ def test_unknown_formats_list_the_known_ones(text, tmp_path):
     file.write_text(text)
     with pytest.raises(FileFormatError, match=r"starts with .*CRD.*MINI.*table"):
         read_observations(file)
-
-
-@pytest.mark.parametrize(
-    ("lines", "name"),
-    [
-        ("00 first\n\nh1 crd 2 2024\n", "CRD normal points"),
-        ("h1 crdx 2 2024\n", None),
-        ("\n512006 4 7 62630000000026494326499837370610\n", "MINI normal points"),
-        ("51\n51200604\n", None),
-        (" # a note\ntype,epoch_utc\n", "table of observations"),
-        ("a,b\nepoch_utc,type\n", None),
-        ("# a note\nfrequency_hz,start_utc\n", "table of ramps"),
-    ],
-)
-def test_a_format_is_known_by_its_first_line(lines, name):
-    assert [reader.name for reader in READERS.values() if reader.looks_like(lines.encode())] == [name] * bool(
-        name
-    )

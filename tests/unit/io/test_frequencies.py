@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from tdm_messages import kvn
 
 from radioloc.constants import C_M_S
 from radioloc.earth import StationCatalogue, geodetic_from_itrf
@@ -115,35 +114,6 @@ def test_several_files_of_one_night(tmp_path):
         got = read_observations([first, second, third], frequencies=agreements)
     assert len(got) == 4
     assert got.value_m[-1] == 0.0
-
-
-def test_the_same_readings_in_two_formats(tmp_path):
-    """A message with milliseconds, made of a file with a millionth of a day: each reading once, of the first."""
-    times = ["14:33:30.499", "14:33:40.522", "14:33:50.544"]
-    hz = [2216497878.1, 2216497877.1, 2216497876.0]
-    dates = [59902 + (14 * 3600 + 33 * 60 + s) / 86400 for s in (30.499, 40.522, 50.544)]
-    readings = [f"{date:.6f}\t{f:.3f}\t1.0\t8049\n" for date, f in zip(dates, hz, strict=True)]
-    strf = write(tmp_path / "a.dat", "".join(readings))
-    records = [f"RECEIVE_FREQ_1 = 2022-11-19T{t} {f}" for t, f in zip(times, hz, strict=True)]
-    received = {
-        "TIME_SYSTEM": "UTC",
-        "PARTICIPANT_1": "COSPAR 8049",
-        "PARTICIPANT_2": "lander",
-        "MODE": "SEQUENTIAL",
-        "PATH": "2,1",
-        "INTEGRATION_INTERVAL": "10",
-        "INTEGRATION_REF": "MIDDLE",
-    }
-    later = [*records[1:], "RECEIVE_FREQ_1 = 2022-11-19T14:34:00.5 2216497875.0"]
-    message = write(tmp_path / "b.tdm", "\n".join(kvn((received, later))) + "\n")
-    with pytest.warns(DataQualityWarning, match=r"14:.*a.dat.*2.*2"):
-        got = read_observations([strf, message], frequencies=[BEACON])
-    assert [got.origin(row).rpartition("/")[2] for row in range(4)] == [
-        *(f"a.dat, line {n}" for n in (1, 2, 3)),
-        "b.tdm, line 16",
-    ]
-    with pytest.warns(DataQualityWarning, match=r"2:.*b.tdm.*14"):
-        assert len(read_observations([message, strf], frequencies=[BEACON])) == 4
 
 
 @pytest.mark.parametrize(

@@ -202,27 +202,6 @@ def test_error_far_down_names_its_line(tmp_path, monkeypatch, number):
     assert caught.value.line == number + 4
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "words"),
-    [
-        ("range,A>b>A,7.000021234567e8", "vlbi_delay,A<b>C,1.3e7", "below the Earth"),
-        ("range,A>b>A,7.000021234567e8", "vlbi_delay,A>b>C,1e6", "station1<target>station2"),
-        ("range,A>b>A,7.000021234567e8", "range,A<b>C,1e6", "transmitter>target>receiver"),
-        ("7.000021234567e8", "6.5e8", r"expected 2.2 to 2.8 s"),
-        ("range,A>b>A,7.000021234567e8", "doppler,A>b>A,3.5", "count interval"),
-        (".002", ".002 TDB", "is not a date"),
-    ],
-)
-def test_each_kind_of_bad_row_is_one_error(old, new, words):
-    lines = [HEADER, *rows(5)]
-    assert old in lines[3]
-    lines[3] = lines[3].replace(old, new)
-    with pytest.raises(FileFormatError, match=words) as caught:
-        parse_table("a.csv", lines, None)
-    assert caught.value.line == 4
-    assert "\n" not in str(caught.value)
-
-
 def read_values(*texts, column="observed_m"):
     """Numbers of a column; ranges of a spacecraft, which may have any length above zero."""
     lines = [HEADER, *rows(len(texts))]
@@ -252,13 +231,3 @@ def test_invalid_numbers(text):
     with pytest.raises(FileFormatError, match="expected a number") as caught:
         read_values("1.5", text, "2.5")
     assert caught.value.line == 3
-
-
-def test_paths_are_numbered_as_they_come_from_block_to_block(tmp_path, monkeypatch):
-    monkeypatch.setattr(table, "read_blocks", lambda path: read_blocks(path, 100))
-    names = ["B", "A", "B", "Station with a long name Ł", "A", "C"]
-    lines = [line.replace("A>b", f"{name}>b") for line, name in zip(rows(6), names, strict=True)]
-    (tmp_path / "a.csv").write_text("\n".join([HEADER, *lines]))
-    read = read_table(tmp_path / "a.csv")
-    assert [link.transmitter for link in read.links] == ["B", "A", "Station with a long name Ł", "A", "C"]
-    assert read.link.tolist() == [0, 1, 0, 2, 3, 4]

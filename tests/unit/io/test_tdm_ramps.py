@@ -142,21 +142,6 @@ def test_a_beacon_that_changes_its_frequency(model, tmp_path):
     np.testing.assert_allclose(reread.value_m - computed(model, reread).value_m, residual_m, atol=TOLERANCE_M)
 
 
-def test_round_trip_of_ambiguous_ranges(tmp_path):
-    ranges = Observations.from_columns(
-        epoch=epochs_from_strings(["2021-03-28T14:00:00", "2021-03-28T14:01:00"], "UTC"),
-        links=[Link("KASHI", "lander", "KASHI")],
-        kind=RANGE,
-        tag=1,
-        value_m=[801500.0, 400.0],
-        sigma_m=1.0,
-        modulus_m=[1e6, 5e5],
-    )
-    write_tdm(tmp_path / "a.kvn", ranges, originator="TEST")
-    read = read_tdm(tmp_path / "a.kvn", TdmAgreement(sigma_m={"range": 1.0}))
-    assert sorted(zip(read.value_m, read.modulus_m, strict=True)) == [(400.0, 5e5), (801500.0, 1e6)]
-
-
 @pytest.mark.parametrize(
     ("changes", "problem"),
     [

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from tdm_messages import DELAY, RANGES, TWO_WAY, kvn
 
 from radioloc.constants import C_M_S
-from radioloc.errors import FileFormatError, InputError
+from radioloc.errors import InputError
 from radioloc.io.tdm import TdmAgreement, read_tdm, read_tdm_file
 from radioloc.io.tdm.kvn import parse_kvn
 from radioloc.io.tdm.message import DATA, METADATA, TYPES, exponent_of
@@ -205,13 +205,6 @@ def test_observations_without_a_keyword_are_refused(columns, problem, tmp_path):
 def test_header_texts_are_printable_ascii(options, problem, tmp_path):
     with pytest.raises(InputError, match=problem):
         write_tdm(tmp_path / "a.kvn", observations_with(), **({"originator": "TEST"} | options))
-
-
-def test_empty_observations_and_missing_folders(tmp_path):
-    with pytest.raises(InputError, match="empty table"):
-        write_tdm(tmp_path / "a.kvn", observations_with().select([]), originator="TEST")
-    with pytest.raises(FileFormatError):
-        write_tdm(tmp_path / "none" / "a.kvn", observations_with(), originator="TEST")
 
 
 # Another implementation of the standard

@@ -9,12 +9,11 @@ from arc_cases import (
     assert_same,
     epochs_tai,
     observations,
-    with_predictions_after_2_december,
 )
 from quick import some
 
 from radioloc.constants import C_M_S
-from radioloc.errors import InputError, PredictedEopWarning
+from radioloc.errors import InputError
 from radioloc.lunar import selenographic_to_cartesian
 from radioloc.measurements import FixedPoint, chebyshev_predictor
 from radioloc.measurements.chebyshev_predictor import ChebyshevPredictor
@@ -22,7 +21,6 @@ from radioloc.measurements.evaluation import prepare_predictor
 from radioloc.measurements.exact_predictor import ExactPredictor
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
-from radioloc.measurements.predictor import reasons
 from radioloc.media.ionosphere import UniformTec
 from radioloc.time import Epochs, epochs_from_strings, utc_to_tai
 
@@ -92,28 +90,6 @@ def test_dense_series_agree_with_the_exact_arc(model, longitude_deg, latitude_de
     assert accuracy.delay_s < 1e-14
     assert accuracy.integrated_m < 1e-5
     assert 10 * accuracy.nodes < accuracy.interpolated
-
-
-@pytest.mark.study
-def test_problems_below_the_horizon_agree_with_the_exact_arc(model):
-    """Observations over two days have the same problem text as the exact ones."""
-    table = Observations.concatenate(
-        [
-            series("KASHI>x>KASHI", "range", epochs_tai(2880, 48.0)),
-            series("JIAMUSI>x>NEUQUEN", "doppler", epochs_tai(2880, 48.0), count_s=600.0),
-        ]
-    )
-    arc = ChebyshevPredictor(model, table, APOLLO15)
-    exact = ExactPredictor(model, table, APOLLO15).compute()
-    interpolated = arc.compute(APOLLO15)
-    assert (interpolated.status == exact.status).all()
-    problems, exact_problems = reasons(arc, interpolated)[1], reasons(arc, exact)[1]
-    assert (problems == exact_problems).all()
-    assert len(np.unique(exact_problems)) > 100  # elevations below the horizon
-    usable = exact.usable
-    assert usable.any()
-    assert np.abs(interpolated.value_m - exact.value_m).max() < ALLOWED_M
-    assert arc.accuracy.interpolated > 0.7 * len(table)
 
 
 def test_recorded_weather_splits_series(model):
@@ -251,20 +227,6 @@ def test_positions_far_from_the_one_prepared(model):
     assert_same(arc.compute(APOLLO15), original, atol=SAME_M)
     with pytest.raises(InputError):
         arc.compute(np.array([np.nan, 0.0, 0.0]))
-
-
-def test_predicted_earth_orientation(model):
-    """Observations after the midnight of the last measured Earth orientation are marked."""
-    predicted_model = with_predictions_after_2_december(model)
-    tai = epochs_tai(1440, 12.0, start_jd=2459184.5, start_fraction=0.75)
-    rows = series("KASHI>x>KASHI", "range", tai)
-    with pytest.warns(PredictedEopWarning) as warned:
-        arc = ChebyshevPredictor(predicted_model, rows, APOLLO15)
-    assert len(warned) == 1
-    with pytest.warns(PredictedEopWarning):
-        exact = ExactPredictor(predicted_model, rows, APOLLO15)
-    assert (arc.predicted_eop == exact.predicted_eop).all()
-    assert 0 < arc.predicted_eop.sum() < len(rows)
 
 
 def test_terms(model):

@@ -6,7 +6,7 @@ from arc_cases import APOLLO15, epochs_tai, observations, with_predictions_after
 
 from radioloc.constants import C_M_S
 from radioloc.errors import PredictedEopWarning
-from radioloc.measurements import MEASUREMENTS, ExactPredictor, Observations, PhysicalModel
+from radioloc.measurements import MEASUREMENTS, ExactPredictor, PhysicalModel
 from radioloc.measurements.measurement_type import TIME_TAGS
 from radioloc.time import epochs_from_strings, utc_to_tai
 
@@ -74,27 +74,6 @@ def test_delay_rate_is_delay_at_the_end_less_delay_at_the_start(model, ends):
     # Error of the central difference: the third derivative 2 x 465 m/s (7.3e-5 / s)^2 times 60^2 / 24.
     delay = compute(model, "vlbi_delay", ends)
     np.testing.assert_allclose(rate.value_m / COUNT_S, delay.by_time_m_s, rtol=0, atol=1e-3)
-
-
-def test_mixed_kinds_have_the_values_of_separate_arcs(model):
-    """Ranges, delays and Doppler of different links in one table."""
-    cases = [
-        ("range", ("KASHI", "JIAMUSI"), np.nan),
-        ("vlbi_delay", ("SESHAN25", "URUMQI"), np.nan),
-        ("doppler", ("KASHI", "KASHI"), COUNT_S),
-        ("vlbi_delay", ("KUNMING", "MIYUN50"), np.nan),
-        ("doppler", ("NEUQUEN", "KASHI"), 10.0),
-        ("vlbi_delay_rate", ("URUMQI", "SESHAN25"), 30.0),
-    ]
-    arcs = [arc_of(model, kind, ends, count_s=count_s) for kind, ends, count_s in cases]
-    order = np.arange(len(cases) * len(TAI)).reshape(len(cases), -1).T.ravel()
-    table = Observations.concatenate([arc.observations for arc in arcs]).select(order)
-    mixed = ExactPredictor(model, table, APOLLO15).compute()
-    separate = [arc.compute() for arc in arcs]
-    for name, tolerance in (("value_m", SAME_M), ("by_position_pa", 1e-9), ("by_time_m_s", 1e-6)):
-        expected = np.concatenate([getattr(computed, name) for computed in separate])[order]
-        np.testing.assert_allclose(getattr(mixed, name), expected, rtol=0, atol=tolerance)
-    assert mixed.status.tolist() == np.concatenate([computed.status for computed in separate])[order].tolist()
 
 
 def test_predicted_orientation_at_the_end_marks_a_doppler_observation(model):

@@ -3,22 +3,11 @@
 import pytest
 
 from radioloc.errors import InputError
-from radioloc.measurements import Geometry, Link, MeasurementType, Part
+from radioloc.measurements import Geometry, MeasurementType, Part
 
 
 def parts(link):
     return (Part(0.5, "range", link),)
-
-
-def test_form_of_the_path_follows_from_the_geometry():
-    for geometry in set(Geometry) - {Geometry.COMBINED}:
-        plain = MeasurementType("plain", "a value", geometry)
-        assert plain.form == geometry.value
-        assert plain.on_baseline == (geometry is Geometry.BASELINE)
-        assert (plain.integrated, plain.positive) == (False, False)
-    combined = MeasurementType("half", "a value", Geometry.COMBINED, form="target>receiver", parts=parts)
-    assert combined.form == "target>receiver"
-    assert combined.parts(Link.from_path("x>KASHI"))[0].weight == 0.5
 
 
 @pytest.mark.parametrize(

@@ -171,12 +171,6 @@ def test_select_and_concatenate():
         Observations.concatenate([])
 
 
-def test_equal_links_become_one():
-    table = make(links=(LINKS[0], LINKS[0]))
-    assert table.links == LINKS[:1]
-    assert table.link.tolist() == [0, 0, 0, 0]
-
-
 def test_span_does_not_depend_on_the_order():
     epoch = Epochs.from_jd(2460000.5 + np.array([1.0, 0.0, 1.0, 0.0]), np.array([0.9, 0.3, 0.1, 0.2]), "UTC")
     table = make(epoch=epoch)

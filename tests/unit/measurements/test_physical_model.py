@@ -30,19 +30,6 @@ def test_without_terms_copies_the_model(model):
     assert PhysicalModel.build(off=["shapiro", "subdaily_eop"]).terms == reduced.terms
 
 
-def test_provenance_names_files_and_checksums(model):
-    record = model.without("shapiro").provenance()
-    assert record["terms_off"] == ["shapiro"]
-    assert record["ephemeris"]["name"] == "DE421"
-    assert record["ephemeris"]["sha256"] == model.ephemeris.kernel.sha256
-    assert len(record["ephemeris"]["sha256"]) == 64
-    assert record["lunar_orientation"]["name"] == "PA_DE421"
-    assert "TDB" not in record["lunar_orientation"]["file"]
-    assert record["earth_orientation"]["first"] <= "1972-01-02"
-    assert record["earth_orientation"]["last_measured"] < record["earth_orientation"]["last"]
-    assert any("astropy-iers-data" in source for source in record["earth_orientation"]["tables"])
-
-
 def test_files_and_catalogue_of_the_user(tmp_path):
     catalogue = StationCatalogue([StationCatalogue.default()["APOLLO"]])
     by_path = PhysicalModel.build(

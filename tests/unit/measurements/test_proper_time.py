@@ -5,13 +5,13 @@ The lander's clock is compared with proper time in the geocentric frame in ``tes
 
 import numpy as np
 import pytest
-from arc_cases import APOLLO15, APOLLO15_PA_M, epochs_tai, observations
+from arc_cases import APOLLO15_PA_M, epochs_tai, observations
 from spk_files import ORBITER, START_S, lander, low_lunar_orbit, write_states
 
 from radioloc.constants import C_M_S
 from radioloc.ephemeris import Trajectory
 from radioloc.errors import CoverageError
-from radioloc.measurements import ExactPredictor, FixedPoint, PhysicalModel, prepare_predictor
+from radioloc.measurements import ExactPredictor, FixedPoint, PhysicalModel
 from radioloc.measurements.proper_time import clock_epoch, target_clock
 from radioloc.time import Epochs, tai_to_utc, utc_to_tai
 
@@ -131,17 +131,3 @@ def test_clock_is_set_at_the_start_of_the_first_day(orbiter):
         69.183, abs=2e-3
     )
     assert clock_epoch(one_way(tai)[:0]) is None
-
-
-def test_interpolated_arcs_have_the_same_clock(model):
-    table = one_way(epochs_tai(6001, 10.0, start_fraction=0.55))
-    exact, smooth = (
-        prepare_predictor(model, table, APOLLO15, evaluation) for evaluation in ("exact", "interpolated")
-    )
-    difference_m = smooth.predict(APOLLO15).value_m - exact.predict(APOLLO15).value_m
-    assert np.abs(difference_m).max() < 9e-5
-    # A selection keeps the epoch at which the clock was set.
-    selected = exact.select(slice(5000, None))
-    assert np.abs(selected.predict(APOLLO15).value_m - exact.predict(APOLLO15).value_m[5000:]).max() == 0.0
-    rebuilt = selected.with_model(model, APOLLO15)
-    assert np.abs(rebuilt.predict(APOLLO15).value_m - selected.predict(APOLLO15).value_m).max() < SAME_M

@@ -103,16 +103,6 @@ def test_range_is_the_count_of_cycles_between_transmission_and_reception(model):
         assert computed.value_m[k] == pytest.approx(expected_m, abs=1e-6)
 
 
-def test_constant_reference_frequency_has_no_effect(model):
-    constant = ramps((-600.0, 100.0, F0_HZ, 0.0), (100.0, 900.0, F0_HZ, 0.0))
-    values = [
-        prepare_predictor(model, obs, LANDER).compute()
-        for obs in (observations([TWO_WAY], ramped=False), observations([TWO_WAY], of=constant))
-    ]
-    np.testing.assert_allclose(values[1].value_m, values[0].value_m, rtol=0.0, atol=1e-9)
-    np.testing.assert_allclose(values[1].by_position_pa, values[0].by_position_pa, rtol=0.0, atol=1e-15)
-
-
 @pytest.mark.parametrize("kind", [DOPPLER, RANGE])
 def test_partials_agree_with_differences(model, kind):
     predictor = ExactPredictor(model, observations([TWO_WAY], kind), LANDER)

@@ -128,17 +128,6 @@ def test_tidal_geocentre_in_loading_coefficients_is_not_added_again(model):
     )
 
 
-def test_station_without_loading_or_velocity_is_not_displaced(model):
-    kashi = STATION_INDEX == 2
-    assert STATIONS[2].ocean_loading is None
-    assert STATIONS[2].velocity_m_yr is None
-    full = motion(model).point.position_m
-    for term in ("ocean_loading", "station_velocity"):
-        moved = np.linalg.norm(full - position_without(model, term), axis=-1)
-        assert (moved[kashi] == 0.0).all()
-        assert (moved[~kashi] > 0.0).any()
-
-
 def test_clock_of_the_station(model):
     """Compare the rate of TDB - TT, from v^2/2 and the potential, with differences."""
     station = motion(model)

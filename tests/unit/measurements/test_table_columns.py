@@ -13,11 +13,11 @@ from paths import EXAMPLES
 import radioloc
 from radioloc import Observations
 from radioloc.constants import C_M_S
-from radioloc.errors import DataQualityWarning, InputError
+from radioloc.errors import InputError
 from radioloc.io.table import read_parquet, write_parquet
 from radioloc.measurements import Link
 from radioloc.measurements.table_columns import UNITS
-from radioloc.time import Epochs, epochs_from_strings
+from radioloc.time import epochs_from_strings
 
 RANGES = EXAMPLES / "apollo15" / "apollo15_apollo_2006-2007.csv"
 DATES = ["2024-05-02T06:00:00.25", "2024-05-02T06:10:00.5"]
@@ -207,26 +207,17 @@ def test_unusable_tables(table, words):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        ({"columns": {"range": "rho"}}, "columns: .* got 'range'"),
         ({"columns": {"observed_m": "rho"}}, "columns: observed_m: .*got 'rho'"),
         ({"units": {"rho": "km"}}, "units: .* got 'rho'"),
         ({"units": {"observed_m": "parsnip"}}, "observed_m: .* got 'parsnip'"),
         ({"units": {"observed_m": "s"}}, "observed_m"),
         ({"units": {"path": "km"}}, "units: path"),
         ({"sigma_m": 1.0}, "sigma_m: .* got both"),
-        ({"distance": 1.0}, "unknown column 'distance'"),
     ],
 )
 def test_unusable_arguments(arguments, words):
     with pytest.raises(InputError, match=words):
         Observations.from_table(COLUMNS, **arguments)
-
-
-def test_units_that_contradict_the_table():
-    with pytest.raises(InputError, match="expected km"):
-        Observations.from_table(
-            QTable(COLUMNS | {"observed_m": [7.6e5] * 2 * u.km}), units={"observed_m": "m"}
-        )
 
 
 def test_duplicate_columns():
@@ -244,37 +235,3 @@ def test_columns_of_mixed_types():
     for table in (mixed, pandas.DataFrame(mixed)):
         with pytest.raises(InputError, match="path"):
             Observations.from_table(table)
-
-
-def test_duplicate_rows_are_removed():
-    duplicated = {name: [column[0]] * 2 for name, column in COLUMNS.items()}
-    with pytest.warns(DataQualityWarning, match="duplicate"):
-        assert len(Observations.from_table(duplicated)) == 1
-
-
-def test_rows_are_selected_as_in_an_array(expected):
-    observations = radioloc.read_observations(RANGES)
-    assert_equal(observations[5:10], observations.select(np.arange(5, 10)))
-    assert_equal(observations[[7, 3]], observations.select([7, 3]))
-    late = observations.epoch.jd > 2454000.5
-    assert_equal(observations[late], observations.select(np.flatnonzero(late)))
-    assert 0 < len(observations[late]) < 153
-    assert_equal(observations[-1], observations[152:])
-    assert [len(row) for row in expected] == [1, 1]
-    with pytest.raises(IndexError):
-        observations[153]
-
-
-@pytest.mark.slow
-def test_a_million_rows():
-    """Arrow splits large columns of text into chunks."""
-    n = 1_000_000
-    fraction = np.arange(n) / n
-    observations = Observations.from_table(
-        {"epoch_utc": Epochs.from_jd(2460432.5, fraction, "UTC"), "observed_m": np.full(n, 7.6e8)},
-        type="range", path=PATH, time_tag="receive", sigma_m=1.0,
-    )  # fmt: skip
-    assert len(observations) == n
-    assert np.abs(86400.0 * (observations.epoch.fraction - fraction)).max() < 1e-11
-    frame = observations.to_table("pandas")
-    assert frame["epoch_utc"].iloc[-1].isoformat() == "2024-05-02T23:59:59.913600+00:00"

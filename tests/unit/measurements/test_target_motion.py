@@ -90,16 +90,6 @@ def test_joint_arc_of_lander_and_orbiter_equals_separate_arcs(model, table, orbi
     assert_rows_equal_separate_arcs(model, table, is_craft, (LANDER, motion))
 
 
-def test_selected_rows_of_a_joint_arc(model, table, orbit, is_craft):
-    arc = joint_arc(model, table, (LANDER, orbit))
-    rows = np.arange(5, 60)
-    full, part = arc.compute(), arc.select(rows).compute()
-    np.testing.assert_allclose(part.value_m, full.value_m[rows], rtol=0.0, atol=1e-6)
-    lander_arc = arc.select(~is_craft)
-    np.testing.assert_array_equal(lander_arc.compute().value_m, full.value_m[~is_craft])
-    assert lander_arc.compute().by_motion.shape[1] == 9
-
-
 def test_partials_of_both_motions_agree_with_differences(model, table, orbit):
     arc = joint_arc(model, table, (LANDER, orbit))
     by_motion = arc.compute().by_motion
@@ -116,19 +106,6 @@ def test_partials_of_both_motions_agree_with_differences(model, table, orbit):
         slope = (changed_m[0] - changed_m[1]) / (2.0 * step)
         size = np.abs(slope).max()
         np.testing.assert_allclose(by_motion[:, k] / size, slope / size, rtol=0.0, atol=2e-4)
-
-
-def test_terms_of_a_lander_are_in_an_arc_with_an_orbiter(model, table, orbit, is_craft):
-    terms = joint_arc(model, table, (LANDER, orbit.nearest())).terms()
-    assert np.abs(terms["lunar_scale"][~is_craft]).max() > 1e-3
-    assert np.abs(terms["lunar_scale"][is_craft]).max() < 1e-6
-
-
-def test_partials_of_a_single_point_share_memory_with_those_of_its_position(model, table, is_craft):
-    computed = ExactPredictor(model, table.select(~is_craft), LANDER).compute()
-    assert computed.by_motion is computed.by_position_pa
-    part = computed.rows([1, 2])
-    assert part.by_motion is part.by_position_pa
 
 
 def test_interpolated_partials_of_two_points_are_in_their_own_columns():

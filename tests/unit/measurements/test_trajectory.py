@@ -5,17 +5,14 @@ import dataclasses
 import numpy as np
 import pytest
 from arc_cases import APOLLO15, APOLLO15_PA_M, epochs_tai
-from recorded import recorded
 from spk_files import ORBITER, START_S, circular, lander, low_lunar_orbit, tracking, write_states
 
 from radioloc.constants import C_M_S
 from radioloc.ephemeris import Trajectory
 from radioloc.errors import CoverageError, InputError
-from radioloc.io import write_spice
 from radioloc.measurements import (
     EquipmentDelays,
     ExactPredictor,
-    FixedPoint,
     PhysicalModel,
     TrajectoryMotion,
     prepare_predictor,
@@ -73,21 +70,6 @@ def test_lander_written_as_a_trajectory_gives_the_same_ranges(model, tmp_path, p
     assert (moving.status == fixed.status).all()
 
 
-def test_exported_lander_kernel_gives_the_same_ranges(model, tmp_path):
-    """Ranges to the kernel written by `radioloc export` equal those to the fixed point."""
-    table = tracking("KASHI>x>JIAMUSI", epochs_tai(20, 30.0), "bounce")
-    surface = model.without("lunar_tide", "lunar_scale", "lunar_lorentz")
-    position = recorded()
-    pa_m = np.array([position["position"]["pa"][f"{axis}_m"] for axis in "xyz"])
-    file, _ = write_spice(tmp_path / "lander.bsp", position)
-    trajectory = Trajectory.open(file, 301001)
-    computed = ExactPredictor(model, table, trajectory).compute()
-    assert (
-        np.abs(computed.value_m - ExactPredictor(surface, table, FixedPoint(pa_m)).compute().value_m).max()
-        < SAME_M
-    )
-
-
 def test_partials_by_an_offset_from_the_trajectory(model, orbiter):
     arc = ExactPredictor(model, tracking("KASHI>x>JIAMUSI", epochs_tai(60, 30.0)), orbiter)
     partials = arc.compute().by_position_pa
@@ -108,15 +90,6 @@ def test_partial_by_the_time_tag_is_the_range_rate(model, orbiter):
     assert np.abs(middle.by_time_m_s).max() > 2000.0
     rate_m_s = (late.value_m - early.value_m) / (2.0 * step_s)
     assert np.abs(rate_m_s - middle.by_time_m_s).max() < BY_TIME_M_S
-
-
-def test_parts_of_an_arc_and_its_terms(model, orbiter):
-    arc = ExactPredictor(model, tracking("KASHI>x>KASHI", epochs_tai(12, 30.0)), orbiter)
-    whole_m = arc.compute().value_m
-    assert np.array_equal(arc.select([2, 5, 7]).compute().value_m, whole_m[[2, 5, 7]])
-    terms = arc.select([2, 5, 7]).terms()
-    assert not [name for name in terms if name.startswith("lunar")]
-    assert (np.abs(terms["shapiro"]) > 10.0).all()
 
 
 def test_reasons_name_the_moon_and_the_horizon(model, orbiter):

@@ -78,17 +78,6 @@ def test_the_naif_code_of_a_study_is_compared_with_the_number_of_the_tracking():
     assert spacecraft_doubts(replace(study, target_name="LRO"), tracked, model) == []  # body is -999
 
 
-def test_calibrations_are_compared_with_the_naif_code_without_a_tracking_number(tmp_path):
-    (tmp_path / "cards.ion").write_text(ION.format(59))
-    study = radioloc.read_study(EXAMPLES / "orbiter" / "orbiter.toml")
-    tracked = radioloc.read_observations(EXAMPLES / "orbiter" / "tracking.csv")
-    model = SimpleNamespace(sources={}, media_calibrations=read_csp(tmp_path / "cards.ion"))
-    assert spacecraft_doubts(study, tracked, model) == []
-    [note] = spacecraft_doubts(replace(study, target=replace(study.target, body=-85)), tracked, model)
-    assert "59" in note
-    assert "-85" in note
-
-
 def test_calibrations_of_another_spacecraft_need_its_number(tmp_path):
     (tmp_path / "cards.ion").write_text(ION.format(181))
     cards = read_csp(tmp_path / "cards.ion")

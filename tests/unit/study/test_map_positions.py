@@ -20,7 +20,7 @@ from radioloc.report.files import write_json
 from radioloc.simulation.truth import Truth, TruthSigma
 from radioloc.study import EstimateChoice, HeightPrior, PlaceOnMap
 from radioloc.study.map_positions import position_priors
-from radioloc.targets.position_prior import PositionPrior, with_position_priors
+from radioloc.targets.position_prior import with_position_priors
 from radioloc.targets.surface_point import on_sphere
 
 EXAMPLE = EXAMPLES / "change5"
@@ -151,24 +151,6 @@ def test_considered_errors_weigh_against_the_map_as_in_the_combination(radio, ra
     joint = radioloc.locate(with_places(study, PlaceOnMap(solution=images)), ranges)
     assert_same(joint, compare([tracking_only, images]).joint)
     assert (joint.sigma_enu_m()[:2] < np.hypot(TIE_M, np.sqrt(np.diag(RELATIVE_M2))[:2])).all()
-
-
-def test_parameters_of_an_a_priori_position_are_independent_a_priori_and_give_its_covariance():
-    constants = CONSTANTS["DE421"]
-    mean = LunarPosition.from_selenographic(*PLACE)
-    prior = PositionPrior("", mean, RELATIVE_M2 + 600.0 * np.eye(3))
-    start_pa_m = mean.to_axes("PA", constants).xyz_m
-    [(parameters, function)] = with_position_priors([on_sphere(start_pa_m, None)], [prior], constants)
-    values = np.array([item.prior_value for item in parameters])
-    place_m, partials = function(values)
-    assert place_m == pytest.approx(start_pa_m, abs=1e-6)
-    for k in range(3):
-        step = 10.0 * np.eye(3)[k]
-        rise = (function(values + step)[0] - function(values - step)[0]) / 20.0
-        assert partials[:, k] == pytest.approx(rise, abs=1e-8)
-    to_enu = axes_at(mean.xyz_m) @ radioloc.lunar.rot_pa_to_me(constants) @ partials
-    covariance = to_enu @ np.diag([item.prior_sigma**2 for item in parameters]) @ to_enu.T
-    assert covariance == pytest.approx(prior.covariance_enu_m2, rel=1e-9, abs=1e-6)
 
 
 def test_a_priori_positions_of_two_targets_on_one_map_have_their_covariance():

@@ -129,11 +129,6 @@ def test_defaults_are_those_of_the_records(read, folder):
     assert study.catalogue is radioloc.StationCatalogue.default()
 
 
-def test_one_number_of_ephemeris_error_stands_for_three(read):
-    study = read(TARGET + FILES + "[estimate]\nephemeris_sigma_m = 2\n")
-    assert study.estimate.ephemeris_sigma_m == (2.0, 2.0, 2.0)
-
-
 def test_byte_order_mark_is_passed_over(read):
     assert read(b"\xef\xbb\xbf" + (TARGET + FILES).encode()).name == "s"
 
@@ -229,9 +224,7 @@ def test_file_as_a_whole(content, message, read):
     ("old", "new", "message"),
     [
         ("3.5", "361", "longitude_deg = 361.0 is not between -360 and 360"),
-        ("26.0", "90.01", "latitude_deg = 90.01 is not between -90 and 90"),
         ("-1000.0", "1e6", "height_m: expected a lunar height"),
-        ("height_m", "position_m = [1, 2, 3]\nheight_m", "give either position_m or longitude and latitude"),
         ("ME_DE421", "IAU", "frame 'IAU' is not known; use PA_DE421 (principal axes) or ME_DE421"),
     ],
 )
@@ -259,9 +252,7 @@ def test_files(files, read):
 @pytest.mark.parametrize(
     ("line", "message"),
     [
-        ('start = "2007-13-01"', "start: '2007-13-01' is not a date that exists"),
         ("start = 2006-10-01T00:00:00+02:00", "start: '2006-10-01T00:00:00+02:00' is not a date"),
-        ("start = 10:00:00", "start: '10:00:00' is not a date"),
         ("start = 3", "start: expected a UTC date, got 3"),
         ('start = "2007-01-01"\nstop = "2006-01-01"', "stop: expected an epoch after the start"),
     ],
@@ -275,8 +266,6 @@ def test_observations(line, message, read):
     ("line", "message"),
     [
         ('range_bias = "some"', 'expected a list of names, "all" or "none"'),
-        ("range_bias_sigma_m = 0", "range_bias_sigma_m: expected a number above zero"),
-        ("ephemeris_sigma_m = [1, 2, -3]", "ephemeris_sigma_m: expected zero or more"),
         ("rejection_sigma = 1", "rejection_sigma: expected 2 or more"),
         (
             'height_prior = { height_m = 0, sigma_m = 1, dem = "d.csv" }',
@@ -287,7 +276,6 @@ def test_observations(line, message, read):
             "[estimate.height_prior] interpolation: belongs to a terrain model; name one as dem",
         ),
         ("range_bias_sigma_m = 10", "[estimate] range_bias_sigma_m needs range_bias"),
-        ('range_bias_per = "pass"', "[estimate] range_bias_per needs range_bias"),
         ('position = "none"\nheight_prior = { height_m = 0, sigma_m = 1 }', 'needs position = "geographic"'),
     ],
 )
@@ -308,7 +296,6 @@ def test_delays_of_equipment(read):
     [
         ("transponder_delay_s = 1.2", "[model] transponder_delay_s: expected 0"),
         ("station_delay_s = { KASHI = 3e-8 }", "[model.station_delay_s.KASHI]: expected a table"),
-        ("station_delay_s = { ATLANTIS = { transmit = 1e-8 } }", "[model] station_delay_s: "),
         ("station_delay_s = { APOLLO = {}, 7045 = {} }", "7045 duplicates APOLLO"),
     ],
 )
@@ -324,11 +311,8 @@ def test_invalid_delays_are_refused(line, message, read):
             "[stations.X] latitude_deg: a position above the ellipsoid is longitude_deg, latitude_deg, height_m",
         ),
         ("[stations.X]\nlatitude_deg = 5\n" + ITRF, "[stations.X] itrf_m: give either itrf_m or longitude"),
-        ("[stations.GRASSE]\nframe = 'ITRF93'\n", "[stations.GRASSE] itrf_m: is missing"),
         ("[stations.X]\nitrf_m = [1, 2, 3]\n", "[stations.X] station X is 3.74166 m from the geocentre"),
-        ('[stations.""]\n' + ITRF, "a station needs a name"),
         ("[stations.X]\nepoch = 51544\n" + ITRF, "[stations.X] epoch: expected a Julian year such as 2010.0"),
-        ("[stations.X]\nvelocity_m_yr = [-14.5, 1.2, 3.2]\n" + ITRF, "velocity_m_yr: expected at most 1 m"),
         ('[stations.X]\naliases = ["7045"]\n' + ITRF, "stations APOLLO and X are both called '7045'"),
     ],
 )
@@ -384,7 +368,6 @@ def test_several_targets(read):
     ("text", "message"),
     [
         (TARGET + TWO + FILES, "[target] and [targets] exclude each other"),
-        ("[targets]\n" + FILES, "[targets] is empty"),
         (
             TWO + f"[targets.ap15]\n{SITE}[targets.apollo15]\n{SITE}" + FILES,
             "expected different targets, got apollo15",
@@ -411,7 +394,6 @@ def test_considered_parameters(read):
     [
         ("love_numbers = true", "[consider] love_numbers_sigma is missing"),
         ('time_bias = ["A", "B"]\ntime_bias_sigma_s = { A = 1 }', "time_bias_sigma_s of B is missing"),
-        ("range_bias_m = 3", "[consider] range_bias is missing"),
         ('range_bias = ["7045"]\nrange_bias_sigma_m = 1', "[consider] range_bias: APOLLO is in [estimate]"),
     ],
 )

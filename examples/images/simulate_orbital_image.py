@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from radioloc.imaging import Camera, Distortion, LineScanModel, TabulatedOrientation
-from radioloc.imaging.orientation import quaternions_of, rotation_of
+from radioloc.imaging.orientation import quaternions_from_matrices, rotation_matrices
 from radioloc.lunar import LunarPosition, east_north_up
 from radioloc.time import epochs_from_strings, to_scale
 
@@ -38,9 +38,9 @@ def orientation(lander_m, to_enu, orbit_error_m, attitude_error_rad):
     x = np.sin(angle) * above - np.cos(angle) * north
     z = -positions / radius
     level = np.stack([x, np.cross(z, x), z], axis=-1)
-    turn = rotation_of(np.array([[-ASIDE_RAD, 0.0, 0.0]]))
-    rotations = level @ turn @ rotation_of(attitude_error_rad)
-    return TabulatedOrientation(times, positions, times, quaternions_of(rotations))
+    turn = rotation_matrices(np.array([[-ASIDE_RAD, 0.0, 0.0]]))
+    rotations = level @ turn @ rotation_matrices(attitude_error_rad)
+    return TabulatedOrientation(times, positions, times, quaternions_from_matrices(rotations))
 
 
 def main():

@@ -21,7 +21,7 @@ class Labels:
     texts: tuple[str, ...]  #: distinct texts
 
     @classmethod
-    def of(cls, values: Labels | ArrayLike | Sequence[str]) -> Labels:
+    def from_texts(cls, values: Labels | ArrayLike | Sequence[str]) -> Labels:
         """Return the labels of a column of texts; labels are returned unchanged."""
         if isinstance(values, Labels):
             return values

@@ -18,7 +18,7 @@ import numpy as np
 from radioloc.constants import J2000_JD, SECONDS_PER_DAY
 from radioloc.errors import InputError
 from radioloc.time import Epochs, to_scale, utc_strings
-from radioloc.units import as_metres, in_unit, set_fields, unit_of
+from radioloc.units import argument_unit, as_metres, in_unit, set_fields
 
 if TYPE_CHECKING:
     from astropy.time import Time
@@ -48,7 +48,7 @@ def convert_quantity(name: str, value: Any) -> Any:
         return _epochs_as(name, Epochs.from_time(value))
     if isinstance(value, Epochs) and name.endswith("_utc") and name not in _SCALES:
         return _epochs_as(name, value)
-    unit = unit_of(name)
+    unit = argument_unit(name)
     if unit is None:
         return value
     if isinstance(value, Mapping):
@@ -91,7 +91,7 @@ def accepts_quantities(function: Callable[_P, _T]) -> Callable[_P, _T]:
 
 def takes_astropy(name: str) -> bool:
     """Return whether an argument of that name is a number with a unit, or an epoch."""
-    return unit_of(name) is not None or name in _SCALES or name.endswith("_utc")
+    return argument_unit(name) is not None or name in _SCALES or name.endswith("_utc")
 
 
 def _epochs_as(name: str, epochs: Epochs) -> Any:

@@ -10,7 +10,7 @@ from radioloc.errors import InputError
 from radioloc.lazy import optional
 from radioloc.time import Epochs
 from radioloc.time.dates import utc_datetimes
-from radioloc.units import unit_of
+from radioloc.units import argument_unit
 
 TableForm = Literal["astropy", "pandas"]
 
@@ -25,7 +25,7 @@ def as_table(
 
         return QTable(
             {
-                name: _with_unit(Quantity, units.get(name) or unit_of(name), column)
+                name: _with_unit(Quantity, units.get(name) or argument_unit(name), column)
                 for name, column in columns.items()
             }
         )

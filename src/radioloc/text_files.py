@@ -124,7 +124,7 @@ def read_blocks(
         raise FileFormatError(path, "is empty; fetch or write it again")
 
 
-def numbers_of(path: str | Path, line_number: int | None, words: list[str], quantity: str) -> list[float]:
+def parse_numbers(path: str | Path, line_number: int | None, words: list[str], quantity: str) -> list[float]:
     """Return the finite numbers of a line's words; another word is a :class:`FileFormatError`."""
     numbers = []
     for word in words:
@@ -141,14 +141,14 @@ def numbers_of(path: str | Path, line_number: int | None, words: list[str], quan
 def table_of(
     path: str | Path, lines: list[tuple[int, str]], n_columns: int, quantity: str
 ) -> NDArray[np.float64]:
-    """Return an array of `n_columns` from numbered lines; errors as :func:`numbers_of`."""
+    """Return an array of `n_columns` from numbered lines; errors as :func:`parse_numbers`."""
     rows = []
     for line_number, line in lines:
         words = line.split()
         if len(words) != n_columns:
             problem = f"{len(words)} columns, but {quantity} has {n_columns}"
             raise FileFormatError(path, problem, line_number)
-        rows.append(numbers_of(path, line_number, words, quantity))
+        rows.append(parse_numbers(path, line_number, words, quantity))
     return np.array(rows).reshape(len(rows), n_columns)
 
 
@@ -184,7 +184,7 @@ def require_file(path: str | Path) -> None:
         stream.read(1)
 
 
-def head_of(path: str | Path, size: int) -> bytes:
+def read_head(path: str | Path, size: int) -> bytes:
     """Return the first bytes of a file, unpacked and without a byte order mark."""
     return next(_pieces(path, size))
 

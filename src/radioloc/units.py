@@ -23,7 +23,7 @@ ASTROPY_UNITS = {
 """Units that names end in, as astropy spells them; empty for numbers of several units."""
 
 
-def unit_of(name: str) -> str | None:
+def argument_unit(name: str) -> str | None:
     """Return the unit, in astropy's spelling, that an argument's name ends in, such as ``step_s``, or None."""
     if name == "hours":
         return "h"

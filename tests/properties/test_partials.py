@@ -32,7 +32,7 @@ from radioloc.measurements import (
 from radioloc.measurements.registry import KINDS, MEASUREMENTS
 from radioloc.media.ionosphere import UniformTec
 from radioloc.parameters.registry import PARAMETERS
-from radioloc.parameters.rows import middle_of
+from radioloc.parameters.rows import middle_epoch
 from radioloc.study.study import EstimateChoice, TerrainPrior
 from radioloc.targets.design import ObservationModel
 from radioloc.targets.position_prior import with_position_priors
@@ -241,7 +241,7 @@ def test_clock(model, station):
 @pytest.mark.parametrize("station", ["KASHI", "JIAMUSI"])
 def test_clock_rate(model, case, station):
     arc = arc_of(model, case)
-    middle = middle_of(arc.observations)
+    middle = middle_epoch(arc.observations)
 
     def read(rate):
         return read_delay_m(
@@ -332,7 +332,7 @@ def test_pole(airless, case, axis):
 @few_cases_with("component", range(3))
 def test_moon_position(model, case, component):
     def moved(d):
-        ephemeris = OffsetEphemeris.of(model.ephemeris, tuple(d * np.eye(3)[component]))
+        ephemeris = OffsetEphemeris.from_model(model.ephemeris, tuple(d * np.eye(3)[component]))
         return value_m(arc_of(dataclasses.replace(model, ephemeris=ephemeris), case))
 
     name = f"moon_position.{('radial', 'along', 'normal')[component]}"
@@ -343,7 +343,7 @@ def test_moon_position(model, case, component):
 @few_cases_with("component", range(3))
 def test_libration(model, case, component):
     def moved(d):
-        libration = OffsetOrientation.of(model.libration, tuple(d * np.eye(3)[component]))
+        libration = OffsetOrientation.from_model(model.libration, tuple(d * np.eye(3)[component]))
         return value_m(arc_of(dataclasses.replace(model, libration=libration), case))
 
     column = column_of(arc_of(model, case), f"libration.{'xyz'[component]}", libration=True)
@@ -411,7 +411,7 @@ def test_frequency_offset_and_frequency_rate(model, case):
     received_m = C_M_S * COUNT_S - value_m(arc)
     offset = column_of(arc, f"frequency_offset.{path}", frequency_offset="all")
     np.testing.assert_allclose(offset, received_m, rtol=1e-15)
-    since_s = TAI.seconds_since(middle_of(arc.observations))
+    since_s = TAI.seconds_since(middle_epoch(arc.observations))
     drift = column_of(arc, f"frequency_rate.{path}", frequency_rate="all")
     np.testing.assert_allclose(drift, received_m * since_s, rtol=1e-12)
 
@@ -426,7 +426,7 @@ def test_target_clock_and_target_frequency_and_target_frequency_rate(model, case
         with pytest.raises(InputError, match="target_clock: expected observations"):
             column_of(arc, kind, **{kind: True})
         return
-    middle = middle_of(arc.observations)
+    middle = middle_epoch(arc.observations)
     halves_s = (-0.5 * COUNT_S, 0.5 * COUNT_S) if case in INTEGRATED else (0.0,)
 
     def ahead_s(d, tai):
@@ -496,7 +496,7 @@ def test_two_targets(model):
     places = [cartesian(p, name=name) for p, name in zip(positions_m, "xy", strict=True)]
     positions = with_position_priors(places, [None, None], constants)
     targets = [SurfacePoint("xy"[k], *one, preceding=3 * k) for k, one in enumerate(positions)]
-    problem = ObservationModel.of(arc, targets, [])
+    problem = ObservationModel.from_targets(arc, targets, [])
     partials = problem.residuals(problem.parameters.prior_values)[1]
     for target, sign in ((0, 1.0), (1, -1.0)):
         expected = delays[target].compute(FixedPoint(positions_m[target])).by_position_pa

@@ -63,7 +63,7 @@ def utc(since_s):
 def ramps_of(station, pieces, length_s):
     start_s, frequency_hz, rate_hz_s = np.array(pieces).T
     names = [station] * len(pieces)
-    return Ramps.of(names, utc(start_s), utc(start_s + length_s), frequency_hz, rate_hz_s)
+    return Ramps.from_columns(names, utc(start_s), utc(start_s + length_s), frequency_hz, rate_hz_s)
 
 
 def excess_cycles(first_s, last_s):
@@ -227,7 +227,7 @@ def test_constructed_doppler_with_ramps(tmp_path, receiver):
         (start.shifted(begin_s), start.shifted(end_s), f_hz, rate)
         for (begin_s, f_hz, rate), end_s in zip(THREE, (98.0, 400.0, 900.0), strict=True)
     ]
-    ramps = Ramps.of(
+    ramps = Ramps.from_columns(
         ["KASHI"] * 3,
         tai_to_utc(Epochs.concatenate([piece[0] for piece in pieces])),
         tai_to_utc(Epochs.concatenate([piece[1] for piece in pieces])),

@@ -24,7 +24,7 @@ class Nights:
     def __init__(self, ephemeris):
         study = radioloc.read_study(EXAMPLES / f"reflectors/{ephemeris}.toml")
         arc, _ = prepared_arc(study, None)
-        problem = EstimationProblem.of(study, arc, study.estimate)
+        problem = EstimationProblem.from_study(study, arc, study.estimate)
         design = problem.model.linearize(problem.model.parameters.prior_values)
         partials = 0.5 * design.partials(np.arange(len(design.residual_m)))
         kinds = np.array([item.kind for item in problem.model.parameters])

@@ -12,7 +12,7 @@ from paths import EXAMPLES
 
 import radioloc
 from radioloc.constants import C_M_S
-from radioloc.estimation.consider import prior_effects, sensitivity_of
+from radioloc.estimation.consider import consider_sensitivity, prior_effects
 from radioloc.jobs.prepared_trials import Prepared
 from radioloc.simulation import TruthSigma
 
@@ -99,7 +99,7 @@ def effects(study):
     for name, (sigma, kind, whose, factor) in ERRORS.items():
         if id(sigma) not in drawn:
             world = replace(study, simulation=replace(study.simulation, truth_sigma=sigma))
-            drawn[id(sigma)] = Prepared.of(world, HOURS).linear().drawn
+            drawn[id(sigma)] = Prepared.from_study(world, HOURS).linear().drawn
         item = drawn[id(sigma)]
         parts = [re.split(r"[. ]", label) for label in item.names]
         members = [
@@ -113,7 +113,7 @@ def effects(study):
 
 def differences(study, effects_m):
     """Position of 48 hours less that of 12 by errors of one sigma, east and north, m, shape (2, errors), by name."""
-    ready = Prepared.of(replace(study, consider_defaults=False, consider={}), HOURS)
+    ready = Prepared.from_study(replace(study, consider_defaults=False, consider={}), HOURS)
     linear = ready.linear()
     noise_m, _ = linear.draws.draw(range(DRAWS))
     observations = ready.parts[0].problem.arc.observations
@@ -126,7 +126,7 @@ def differences(study, effects_m):
         fit = arc.fit(noise_m[0, arc.part], seed=0).fit
         of_arc = {
             name: arc.compared[0].by_parameters[0]
-            @ sensitivity_of(fit, lambda rows, m=m: m[rows], m.shape[1])
+            @ consider_sensitivity(fit, lambda rows, m=m: m[rows], m.shape[1])
             for name, m in ((name, m[arc.part]) for name, m in effects_m.items())
         }
         height = fit.parameters.names.index("position.height")

@@ -4,8 +4,8 @@ import pytest
 
 import radioloc
 from radioloc.jobs.locate import fit_arc
-from radioloc.jobs.preparation import model_of, prepared_arc
-from radioloc.jobs.simulate import scenario_of
+from radioloc.jobs.preparation import build_model, prepared_arc
+from radioloc.jobs.simulate import build_scenario
 from radioloc.simulation import World
 
 pytestmark = pytest.mark.slow
@@ -15,7 +15,7 @@ DRAWS = 100
 
 def test_at_most_one_of_a_hundred():
     study = radioloc.read_study("examples/change5/simulation.toml")
-    world: World = scenario_of(study).world(model_of(study))
+    world: World = build_scenario(study).world(build_model(study))
     arc, left_out = prepared_arc(study, world.plan.observations)
     messages = []
     for seed in range(DRAWS):

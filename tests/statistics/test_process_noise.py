@@ -25,7 +25,7 @@ def problem(model):
         craft(STATE, forces, FIELDS, gravity_error_degree=220), consider_defaults=False, name="orbit"
     )
     arc, _ = prepared_arc(study, observations.select(np.flatnonzero(usable)))
-    return EstimationProblem.of(study, arc, study.estimate)
+    return EstimationProblem.from_study(study, arc, study.estimate)
 
 
 def nees_of_position(problem, noise):
@@ -33,7 +33,7 @@ def nees_of_position(problem, noise):
     x, rows = problem.model.parameters.prior_values, np.arange(len(problem.arc.observations))
     orbits = problem.orbits_with_gravity_errors(x)
     errors_m = problem.suboptimal_errors(problem.model, x, orbits).partials(rows)
-    by_process = IndependentAccelerations.of(
+    by_process = IndependentAccelerations.from_problem(
         StochasticProblem.linearized_about(problem.model, noise, x)
     ).effects_m(rows)
     by_state = problem.model.linearize(x).partials(rows)[:, :6]

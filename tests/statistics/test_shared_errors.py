@@ -63,13 +63,13 @@ def found_in(stations_m, seed, lasting=0.0):
         )
     of_stations = network.incidence @ (np.tile(stations_m, EPOCHS) * rng.normal(size=4 * EPOCHS))
     observed_m = 0.3 * delay_noise_m.T.ravel() + of_stations  # the truth is zero
-    paths = Labels.of([f"{a}<x>{b}" for a, b in zip(network.first, network.second, strict=True)])
+    paths = Labels.from_texts([f"{a}<x>{b}" for a, b in zip(network.first, network.second, strict=True)])
     types = Labels(np.zeros(len(observed_m), dtype=np.int32), ("vlbi_delay",))
     edited = fit_with_variance_components(
         network.residual_function(observed_m),
         network.parameters(),
         np.full(len(observed_m), 0.3),
-        order=SeriesOrder.of(types, paths, STEP_S * network.epoch),
+        order=SeriesOrder.from_labels(types, paths, STEP_S * network.epoch),
     )
     assert edited.converged
     return edited

@@ -75,7 +75,9 @@ def stations(seed, counts=(60, 60, 60), own_m=(0.0, 0.0, 0.0), tau_s=0.0, stated
         lambda x: (observed_m - partials @ x, partials),
         ParameterSet(Parameter(f"a.{k}", "m", "a") for k in range(6)),
         np.full(len(station), stated_m),
-        order=SeriesOrder.of(Labels(np.zeros(len(station), dtype=np.int32), ("range",)), paths, time_s),
+        order=SeriesOrder.from_labels(
+            Labels(np.zeros(len(station), dtype=np.int32), ("range",)), paths, time_s
+        ),
     )
     assert result.converged
     return result, (result.fit.x - truth) / result.fit.sigmas

@@ -68,7 +68,7 @@ class World:
     def problem(self) -> EstimationProblem:
         """Problem of the fit at the true positions."""
         arc, _ = prepared_arc(self.truth, self.plan)
-        return EstimationProblem.of(self.truth, arc, self.truth.estimate)
+        return EstimationProblem.from_study(self.truth, arc, self.truth.estimate)
 
     @cached_property
     def value_m(self) -> np.ndarray:

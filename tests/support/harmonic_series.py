@@ -68,7 +68,7 @@ def solved(series: Series) -> Solution:
     n = series.n
     paths = Labels((np.arange(n) % 6).astype(np.int32), tuple(f"S{k}>x>S{k}" for k in range(6)))
     types = Labels(np.zeros(n, dtype=np.int32), ("range",))
-    order = SeriesOrder.of(types, paths, np.linspace(0.0, 2.0 * 86400.0, n))
+    order = SeriesOrder.from_labels(types, paths, np.linspace(0.0, 2.0 * 86400.0, n))
     fit = fit_with_variance_components(series.linearize, series.parameters, series.sigma_m, order=order)
     return build_solution(
         fit,

@@ -31,7 +31,7 @@ class OffsetEphemeris(Ephemeris):
     offset_m: tuple[float, float, float]
 
     @classmethod
-    def of(cls, ephemeris: Ephemeris, offset_m: tuple[float, float, float]) -> OffsetEphemeris:
+    def from_model(cls, ephemeris: Ephemeris, offset_m: tuple[float, float, float]) -> OffsetEphemeris:
         """Displace the Moon of an ephemeris."""
         return cls(ephemeris.name, ephemeris.constants, ephemeris.spk, offset_m)
 
@@ -74,7 +74,9 @@ class OffsetOrientation(LunarOrientation):
     rotation_rad: tuple[float, float, float]
 
     @classmethod
-    def of(cls, orientation: LunarOrientation, rotation_rad: tuple[float, float, float]) -> OffsetOrientation:
+    def from_model(
+        cls, orientation: LunarOrientation, rotation_rad: tuple[float, float, float]
+    ) -> OffsetOrientation:
         """Rotate an orientation."""
         return cls(orientation.frame, orientation.frame_code, orientation.pck, rotation_rad)
 
@@ -128,8 +130,8 @@ def changed_model(
         catalogue = catalogue.with_station(replace(station, itrf_m=itrf_m))
     return replace(
         model,
-        ephemeris=OffsetEphemeris.of(model.ephemeris, moon_position_m),
-        libration=OffsetOrientation.of(model.libration, libration_rad),
+        ephemeris=OffsetEphemeris.from_model(model.ephemeris, moon_position_m),
+        libration=OffsetOrientation.from_model(model.libration, libration_rad),
         earth=EarthOrientation(moved),
         catalogue=catalogue,
     )

@@ -11,7 +11,7 @@ from procedural_ground import Ground
 from radioloc.imaging import Camera, LineScanModel, TabulatedOrientation, Terrain
 from radioloc.imaging.frames import load_opencv
 from radioloc.imaging.ground_points import image_to_ground
-from radioloc.imaging.orientation import quaternions_of, rotation_of
+from radioloc.imaging.orientation import quaternions_from_matrices, rotation_matrices
 from radioloc.imaging.shading import sun_direction
 from radioloc.lunar import Map, TangentPlane, TerrainModel, cartesian_to_selenographic, east_north_up
 
@@ -66,11 +66,11 @@ class Strips:
         # Columns: the camera's x to the east, y against the motion, z down.
         ahead = np.cos(angle) * north - np.sin(angle) * up
         rotations = np.stack([np.broadcast_to(east, ahead.shape), -ahead, -zenith], axis=-1)
-        rotations = rotations @ rotation_of(offset[1] + part * drift[1])
+        rotations = rotations @ rotation_matrices(offset[1] + part * drift[1])
         focal_mm = 700.0
         per_mm = HEIGHT_M / (self.pixel_m * focal_mm)
         camera = Camera(focal_mm, per_mm * np.eye(2), np.array([0.5 * (samples - 1), 0.0]))
-        orientation = TabulatedOrientation(times, positions, times, quaternions_of(rotations))
+        orientation = TabulatedOrientation(times, positions, times, quaternions_from_matrices(rotations))
         return LineScanModel(camera, orientation, [[-0.5, -half_s, line_s]], self.shape)
 
     def drawn_errors(self):

@@ -13,7 +13,7 @@ from procedural_ground import Ground, as_bytes
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.imaging import Camera, FrameModel
 from radioloc.imaging.frames import load_opencv
-from radioloc.imaging.orientation import ConstantOrientation, rotation_of
+from radioloc.imaging.orientation import ConstantOrientation, rotation_matrices
 from radioloc.imaging.shading import sun_direction
 
 Floats = NDArray[np.float64]
@@ -78,7 +78,7 @@ class Descent:
         right = np.cross(forward, -ahead)
         right = right / np.linalg.norm(right)
         rotation = np.column_stack([-right, np.cross(forward, -right), forward])
-        yawed, rolled = rotation_of(np.radians([[0.0, 0.0, 4.0 * yaw], [0.0, 0.5 * roll, 0.0]]))
+        yawed, rolled = rotation_matrices(np.radians([[0.0, 0.0, 4.0 * yaw], [0.0, 0.5 * roll, 0.0]]))
         rotation = rotation @ yawed @ rolled
         axes = self.ground.plane.axes()
         return FrameModel(self.camera, ConstantOrientation(axes.T @ place, axes.T @ rotation), self.shape)

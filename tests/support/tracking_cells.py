@@ -59,7 +59,7 @@ World = Callable[[Plan, LinearTrials], LinearTrials]
 
 def matched(study: Study, hours: float) -> Trials:
     """Return the plan of a study and its trials, which draw the errors that the fit considers."""
-    ready = Prepared.of(study, (hours,))
+    ready = Prepared.from_study(study, (hours,))
     linear = ready.linear()
     assert linear is not None
     return ready.world.plan, linear
@@ -172,7 +172,7 @@ def laser_ranges_of_a_year() -> Trials:
 
 def with_noise(noise: NoiseModel) -> World:
     """Return the matched world with some noise."""
-    return lambda plan, linear: replace(linear, draws=NoiseDraws.of(noise, plan))
+    return lambda plan, linear: replace(linear, draws=NoiseDraws.from_plan(noise, plan))
 
 
 def scaled_errors(factor: float) -> World:
@@ -186,7 +186,7 @@ def noisy_station(plan: Plan, linear: LinearTrials) -> LinearTrials:
     """Increase the noise of a station for ranges and of another for VLBI."""
     at_station = replace(WHITE, vlbi_station=Noise(white_m=1.0))
     series = []
-    for item in NoiseDraws.of(at_station, plan).series:
+    for item in NoiseDraws.from_plan(at_station, plan).series:
         name = item.label.split()[1]  # path or station
         white_m = item.noise.white_m if ">" in name else 0.0
         white_m = NOISY_M.get(name.rpartition(">")[2] if item.label.startswith("range") else name, white_m)

@@ -20,7 +20,7 @@ import radioloc
 from radioloc.cli import main
 from radioloc.errors import InputError
 from radioloc.io.formats import READERS
-from radioloc.jobs.workers import workers_of
+from radioloc.jobs.workers import open_workers
 from radioloc.measurements import MEASUREMENTS, FixedPoint, Geometry, Part
 from radioloc.measurements.combined_predictor import expanded
 from radioloc.media import MEDIA
@@ -167,7 +167,7 @@ def test_troposphere_of_the_how_to_replaces_the_built_in_one(restored_registries
     assert (
         10.0 < np.linalg.norm(difference_m) < 500.0
     )  # the cosecant law is wrong by metres at low elevations
-    with pytest.raises(InputError, match="workers: expected 1"), workers_of(2):
+    with pytest.raises(InputError, match="workers: expected 1"), open_workers(2):
         pass
 
 

@@ -180,7 +180,7 @@ def test_places_in_kilometres_and_of_astropy(model):
 
 
 def test_predictions_of_a_place_in_kilometres():
-    arc = radioloc.jobs.arc_of(EXAMPLES / "apollo15/apollo15.toml")
+    arc = radioloc.jobs.prepare_arc(EXAMPLES / "apollo15/apollo15.toml")
     place_m = arc.motions[0].position_pa_m
     computed = arc.compute()
     assert np.array_equal(arc.compute(FixedPoint(place_m * u.m)).value_m, computed.value_m)

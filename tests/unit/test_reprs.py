@@ -8,7 +8,7 @@ from radioloc.lunar import TerrainModel
 
 def test_objects_are_shown_in_one_line():
     study = radioloc.read_study(EXAMPLES / "apollo15" / "apollo15.toml")
-    arc = radioloc.jobs.arc_of(study)
+    arc = radioloc.jobs.prepare_arc(study)
     solution = radioloc.locate(study)
     objects = [
         *(study, study.target, arc.model, arc.observations, arc, arc.compute()),

@@ -19,7 +19,7 @@ import numpy as np
 
 from radioloc.ephemeris import CONSTANTS
 from radioloc.errors import FileFormatError
-from radioloc.text_files import ANY_BYTE, numbers_of, read_lines, read_text
+from radioloc.text_files import ANY_BYTE, parse_numbers, read_lines, read_text
 
 _GM_M3_S2 = CONSTANTS["DE421"].gm_moon_m3_s2
 _RADIUS_M = 1738.0e3
@@ -199,7 +199,9 @@ class _Table:
 
 def _number(path: Path, line: int, word: str) -> float:
     """Return the finite number of a word, which may have Fortran's exponent D."""
-    return numbers_of(path, line, [word.replace("D", "E").replace("d", "e")], "a coefficient or constant")[0]
+    return parse_numbers(path, line, [word.replace("D", "E").replace("d", "e")], "a coefficient or constant")[
+        0
+    ]
 
 
 def _integer(path: Path, line: int, word: str) -> int:

@@ -131,7 +131,7 @@ def reported(fit: FitResult, covariance: Floats, suboptimal: ConsideredErrors | 
 
 def sensitivity(fit: FitResult, suboptimal: ConsideredErrors) -> Consider:
     """Return the effect on all parameters of a fit of errors that are not in its weights, S = P A^T W B."""
-    shifts = sensitivity_of(fit, suboptimal.partials, len(suboptimal.parameters))
+    shifts = consider_sensitivity(fit, suboptimal.partials, len(suboptimal.parameters))
     return Consider(suboptimal.parameters, shifts * suboptimal.parameters.prior_sigmas)
 
 
@@ -142,7 +142,7 @@ def _subtract(covariance: Floats, part: Floats) -> Floats:
     return difference
 
 
-def sensitivity_of(fit: FitResult, effects_m: RowsOf, count: int) -> Floats:
+def consider_sensitivity(fit: FitResult, effects_m: RowsOf, count: int) -> Floats:
     """Sensitivity of the estimate, (p, count), to errors by their effects on observations (m,), (m, count)."""
     # Undetermined directions have an infinite variance already.
     root, sensitivity_matrix = fit.factor.root_covariance(), np.zeros((len(fit.parameters), count))

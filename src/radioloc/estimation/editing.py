@@ -126,7 +126,7 @@ def fit_with_editing(
         x, at_x = previous.fit.x, previous.fit.linearization
     process = getattr(at_x, "process", None)
     n = len(at_x.residual_m)
-    noise = ObservationCovariance.of(sigma_m, n)
+    noise = ObservationCovariance.from_sigma(sigma_m, n)
     initial_status = _initial_labels(status, n)
     usable = initial_status.are(USED)
     usable_count = int(usable.sum())
@@ -235,7 +235,7 @@ def _initial_labels(status: ArrayLike | Labels | None, n: int) -> Labels:
     """Labels of n observations before the fit; an empty text is :data:`USED`."""
     if status is None:
         return Labels(np.zeros(n, dtype=np.int32), (USED,))
-    labels = Labels.of(status)
+    labels = Labels.from_texts(status)
     if labels.codes.shape != (n,):
         raise InputError(f"status: expected shape ({n},), got {labels.codes.shape}")
     return Labels.coded([text or USED for text in labels.texts], labels.codes)

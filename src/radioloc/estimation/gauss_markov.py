@@ -93,7 +93,7 @@ class Points:
     unit: Floats  # (n, q), whitened partials with respect to parameters of unit formal covariance
     time_s: Floats = field(default_factory=lambda: np.zeros(0))  # (n,), where it is asked for
 
-    def of(self, k: int) -> slice:
+    def series_slice(self, k: int) -> slice:
         """Points of a series."""
         return slice(self.begin[k], self.begin[k + 1])
 
@@ -141,7 +141,9 @@ class SeriesNoise:
         n, p = len(step_s), int(lasting.sum())
         process, sign = np.tile(np.arange(p), (n, 1)), np.repeat(gain[:, None], p, axis=1)
         transition = transitions(step_s, variance[lasting], self.tau_s[lasting])
-        return KalmanFilter.of(process, sign, np.full(n, self.white), transition).innovations(columns)
+        return KalmanFilter.from_processes(process, sign, np.full(n, self.white), transition).innovations(
+            columns
+        )
 
 
 NO_NOISE = SeriesNoise(0.0, np.zeros(0), np.zeros(0), is_significant=False)
@@ -237,7 +239,7 @@ def noise_of_series(
     noise: dict[int, SeriesNoise] = {}
     length = np.diff(points.begin)
     likelihoods = [
-        RestrictedLikelihood.of(points, np.array(indices), sigmas, jointly=jointly)
+        RestrictedLikelihood.from_points(points, np.array(indices), sigmas, jointly=jointly)
         for indices in groups.values()
         if length[indices].max() >= MIN_POINTS_LEFT
     ]
@@ -275,11 +277,11 @@ class RestrictedLikelihood:
     jointly: bool
 
     @classmethod
-    def of(
+    def from_points(
         cls, points: Points, series_indices: NDArray[np.intp], sigmas: float | Floats, *, jointly: bool = True
     ) -> RestrictedLikelihood:
         """Likelihood of some series; parameters have sigmas (q,), combinations without effect are left out."""
-        of_series = [points.of(k) for k in series_indices.tolist()]
+        of_series = [points.series_slice(k) for k in series_indices.tolist()]
         scaled = [points.unit[part] * sigmas for part in of_series]
         grams = np.array([gram(series_effects, series_effects) for series_effects in scaled])
         squares, axes = np.linalg.eigh(grams.sum(axis=0))
@@ -445,7 +447,7 @@ class _Cells:
 
 def _observations_per(tau_s: float, points: Points, indices: NDArray[np.intp]) -> float:
     """Mean number of observations of some series in a time, gaps included."""
-    spans_s = [float(points.step_s[points.of(k)].sum()) for k in indices]
+    spans_s = [float(points.step_s[points.series_slice(k)].sum()) for k in indices]
     return float(points.count[indices].sum()) * tau_s / sum(spans_s)
 
 
@@ -520,7 +522,7 @@ def _fitted(likelihood: RestrictedLikelihood, threshold: float) -> dict[int, Ser
 
 def _flicker_shape(points: Points, indices: NDArray[np.intp], least_s: float) -> tuple[Floats, Floats]:
     """Correlation times, up to the longest span, and shares of processes that add up to flicker noise, both (1, p)."""
-    span_s = _MAX_FLICKER_SPANS * max(float(points.step_s[points.of(k)].sum()) for k in indices)
+    span_s = _MAX_FLICKER_SPANS * max(float(points.step_s[points.series_slice(k)].sum()) for k in indices)
     p = math.ceil(math.log10(max(span_s / least_s, 10.0)) / _FLICKER_STEP_DECADES) + 1
     tau_s = np.logspace(math.log10(least_s), math.log10(max(span_s, 10.0 * least_s)), p)
     return tau_s[None], np.full((1, p), 1.0 / p)
@@ -528,7 +530,7 @@ def _flicker_shape(points: Points, indices: NDArray[np.intp], least_s: float) ->
 
 def _trial_taus_s(points: Points, indices: NDArray[np.intp]) -> Floats:
     """Correlation times that are tried for a group, s, from a step to half the longest span."""
-    steps_s = [points.step_s[points.of(k)] for k in indices]
+    steps_s = [points.step_s[points.series_slice(k)] for k in indices]
     least_s = min(
         width_s or float(np.median(step_s[step_s > 0.0]))
         for width_s, step_s in zip(points.width_s[indices].tolist(), steps_s, strict=True)

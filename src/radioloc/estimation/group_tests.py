@@ -74,7 +74,7 @@ class BinnedProblem:
         whitened = np.concatenate([np.column_stack([self.points.residual, self.points.unit]), self.prior])
         weighted = whitened.copy()
         for k, root in enumerate(self.roots):
-            part = self.points.of(k)
+            part = self.points.series_slice(k)
             whitened[part] = root @ whitened[part]
             weighted[part] = root.T @ whitened[part]
         return whitened, weighted
@@ -105,7 +105,7 @@ class BinnedProblem:
         return np.asarray(self._rows_and_weighted[0][:, 0] - self.whitened @ self.estimate)
 
     @classmethod
-    def of(
+    def from_fit(
         cls,
         fit: FitResult,
         order: SeriesOrder,
@@ -158,13 +158,13 @@ class BinnedProblem:
         partials = np.concatenate([points.unit, self.prior[:, 1:]])
         covariance = _scaled_inverse(partials.T @ partials)
         for k, series in enumerate(points.series):
-            part = points.of(k)
+            part = points.series_slice(k)
             series_noise = noise.get(series.key) or _white_noise(points, k, estimate, covariance)
             white.append(series_noise.white)
             identity, width_s = np.eye(part.stop - part.start), float(points.width_s[k])
             roots.append(series_noise.whitened(points.step_s[part], points.gain[part], identity, width_s))
         whitened_problem = replace(self, roots=tuple(roots), white=tuple(white))
-        spreads = [_spread(whitened_problem.residual[points.of(k)]) for k in range(len(roots))]
+        spreads = [_spread(whitened_problem.residual[points.series_slice(k)]) for k in range(len(roots))]
         if max(spreads) == 1.0:
             return whitened_problem
         return replace(
@@ -237,7 +237,7 @@ class BinnedProblem:
         """Points and roots of the series in which columns (n + k, w) have nonzero elements."""
         n, begin = len(self.points.time_s), self.points.begin
         is_nonzero = np.logical_or.reduceat(columns[:n].any(axis=1), begin[:-1])
-        return ((self.points.of(k), self.roots[k]) for k in np.flatnonzero(is_nonzero).tolist())
+        return ((self.points.series_slice(k), self.roots[k]) for k in np.flatnonzero(is_nonzero).tolist())
 
     def test(
         self, columns: Floats, links: Mapping[int, float] | None = None, *, scaled: bool = False
@@ -318,7 +318,7 @@ class BinnedProblem:
         """
         total, inverse_dof = float(residual_columns @ residual_columns), 0.0
         for k, root in enumerate(self.roots):
-            part, white = self.points.of(k), self.white[k]
+            part, white = self.points.series_slice(k), self.white[k]
             of_series = residual_columns[part]
             weights, precision = root.T @ of_series, root.T @ root
             of_white = white * float(weights @ weights)
@@ -398,7 +398,7 @@ def estimate_change(fitted: BinnedProblem, changed: BinnedProblem) -> tuple[Floa
     count = len(fitted.estimate)
     effects = fitted.inverse @ fitted.weighted[:, 1:].T
     for k, root in enumerate(changed.roots):
-        part = changed.points.of(k)
+        part = changed.points.series_slice(k)
         effects[:, part] = np.linalg.solve(root.T, effects[:, part].T).T
     root_of_change = changed.inverse[:count] @ changed.whitened.T - effects
     return changed.estimate[:count], root_of_change
@@ -483,7 +483,7 @@ def _sums_from(values: Floats) -> Floats:
 def _white_noise(points: Points, k: int, estimate: Floats, covariance: Floats) -> SeriesNoise:
     """White noise with the variance of the residuals; at least the stated one for little redundancy."""
     # Parameters of single nights absorb most of laser ranges, and would make their noise too small.
-    part = points.of(k)
+    part = points.series_slice(k)
     absorbed = float(np.einsum("nc,cd,nd->", points.unit[part], covariance, points.unit[part]))
     count = max(float(points.count[k]) - absorbed, 1.0)
     residual = points.residual[part] - points.unit[part] @ estimate

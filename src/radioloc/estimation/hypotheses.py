@@ -91,7 +91,7 @@ class Hypotheses:
     readmitted: tuple[Rows, ...] = ()  # runs of outliers that are observations of the problem
 
     @classmethod
-    def of(
+    def from_fit(
         cls,
         edited: EditedFit,
         order: SeriesOrder,
@@ -116,7 +116,7 @@ class Hypotheses:
             return None
         noise_of = (lambda _: {}) if correlation is None else noise_of_each
         fit = replace(fit, used=used)
-        problem = BinnedProblem.of(fit, order, noise_of, considered, candidates)
+        problem = BinnedProblem.from_fit(fit, order, noise_of, considered, candidates)
         codes = tuple(np.unique(problem.code).tolist())
         fitted = problem if edited.series_weights or readmitted else replace(problem, roots=())
         return cls(problem, fitted, fit, order, considered, candidates, codes, count_s, readmitted)

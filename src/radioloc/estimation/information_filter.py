@@ -41,7 +41,7 @@ class InformationFilter:
     noise: dict[tuple[int, int], Whitener]  # of the observations of each interval, by chain and step
 
     @classmethod
-    def of(
+    def from_observations(
         cls, process: StochasticAccelerations, noise: ObservationCovariance, used: NDArray[np.bool_]
     ) -> InformationFilter:
         """Filter of used observations; those that share errors belong to one interval."""

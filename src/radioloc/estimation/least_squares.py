@@ -36,7 +36,7 @@ from radioloc.estimation.linearization import (
     ResidualFunction,
     check_partials,
     check_residuals,
-    covariance_of,
+    covariance_matrix,
     evaluate,
     evaluate_step,
     factorize,
@@ -172,7 +172,7 @@ def fit_least_squares(
     if linearization is None:
         linearization = evaluate(residual_function, x)
     n = len(linearization.residual_m)
-    noise = ObservationCovariance.of(sigma_m, n)
+    noise = ObservationCovariance.from_sigma(sigma_m, n)
     mask = np.ones(n, dtype=bool) if used is None else np.array(used, dtype=bool)
     if mask.shape != (n,):
         raise InputError(f"used: expected shape ({n},), got {mask.shape}")
@@ -182,7 +182,7 @@ def fit_least_squares(
     stated = noise.whitener(mask, row_order(linearization))
     process = getattr(linearization, "process", None)
     if process is not None and whitening is None:
-        whitening = InformationFilter.of(process, noise, mask)
+        whitening = InformationFilter.from_observations(process, noise, mask)
     solver = _GaussNewton(residual_function, parameters, whitening or stated, int(mask.sum()))
 
     factor = factorize(linearization, solver.whitening, parameters, x)
@@ -209,7 +209,7 @@ def fit_least_squares(
     return FitResult(
         parameters=parameters,
         x=iterate.x,
-        covariance=covariance_of(factor, parameters),
+        covariance=covariance_matrix(factor, parameters),
         linearization=linearization,
         noise=noise,
         used=mask,

@@ -300,7 +300,7 @@ class LinearProblem:
     to_free: Floats  # (q, q), inverse of `from_free`
     start_rows: NDArray[np.intp]  # (m,), observations of the robust start
 
-    def of(self, residual_m: Floats) -> Callable[[Floats], OrthonormalLinearization]:
+    def residual_function(self, residual_m: Floats) -> Callable[[Floats], OrthonormalLinearization]:
         """Residual function of residuals (n,) at the values `x`, m."""
 
         def linearized(x: Floats) -> OrthonormalLinearization:
@@ -429,7 +429,7 @@ def _decomposed(root: Floats) -> tuple[Floats, Floats, Floats, Floats]:
     return lengths, vectors[:, nonzero], sizes[nonzero], directions[nonzero]
 
 
-def covariance_of(factor: Factor, parameters: ParameterSet, unit: Floats | None = None) -> Floats:
+def covariance_matrix(factor: Factor, parameters: ParameterSet, unit: Floats | None = None) -> Floats:
     """Covariance over all parameters, shape (p, p)."""
     root = factor.root_covariance()
     covariance_free = root @ root.T if unit is None else root @ unit @ root.T

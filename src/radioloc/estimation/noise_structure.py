@@ -99,7 +99,7 @@ class Differences:
     value: Floats  # (m,)
 
     @classmethod
-    def of(
+    def from_residuals(
         cls, residual_m: Floats, sigma_m: Floats, selected: NDArray[np.bool_], order: SeriesOrder
     ) -> Differences:
         """Differences of selected observations; those with long gaps between them are omitted."""
@@ -125,7 +125,9 @@ def noisy_groups(edited: EditedFit, order: SeriesOrder) -> tuple[Labels, Floats]
     )
     if edited.complete and not (outlier_count > _MIN_OUTLIER_FRACTION * usable_count).any():
         return None
-    ratios = noise_ratios(Differences.of(fit.residual_m, fit.sigma_m, usable, order), len(order.series))
+    ratios = noise_ratios(
+        Differences.from_residuals(fit.residual_m, fit.sigma_m, usable, order), len(order.series)
+    )
     is_noisy = ratios > _MIN_NOISE_RATIO
     if not is_noisy.any():
         return None

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.estimation.least_squares import FitResult
-from radioloc.estimation.linearization import covariance_of
+from radioloc.estimation.linearization import covariance_matrix
 from radioloc.estimation.statistics import finite_or_none
 from radioloc.parameters.parameter import ParameterSet, Role
 from radioloc.vectors import Floats
@@ -180,7 +180,7 @@ def assess_observability(fit: FitResult, counted: NDArray[np.bool_] | None = Non
     sigma_m = float(np.median(fit.sigma_m[lengths])) if lengths.any() else 0.0
     root = fit.factor.root_covariance()[is_estimated]
     vectors, sigmas, _ = np.linalg.svd(root / scales[:, None], full_matrices=False)
-    covariance = fit.covariance if fit.independent_weights else covariance_of(fit.factor, fit.parameters)
+    covariance = fit.covariance if fit.independent_weights else covariance_matrix(fit.factor, fit.parameters)
     covariance = covariance[np.ix_(~considered, ~considered)]
     return Observability(
         singular_values=fit.factor.singular_values,

@@ -87,7 +87,7 @@ def robust_start(
         if prepared is None:
             dense = DenseLinearization(linearization.residual_m[rows], partials)
             factor = factorize(
-                dense, ObservationCovariance.of(sigma_m, len(sigma_m)).whitener(), parameters, x
+                dense, ObservationCovariance.from_sigma(sigma_m, len(sigma_m)).whitener(), parameters, x
             )
             if factor is None:
                 break
@@ -132,7 +132,7 @@ def linear_problem(
     """Linear problem with partials (n, p) at x; none where the usable observations do not determine every parameter."""
     dense = DenseLinearization(np.zeros(len(partials)), partials)
     factor = factorize(
-        dense, ObservationCovariance.of(noise.sigma_m, len(noise)).whitener(usable), parameters, x
+        dense, ObservationCovariance.from_sigma(noise.sigma_m, len(noise)).whitener(usable), parameters, x
     )
     if factor is None or not parameters.free.any() or not factor.determined.all():
         return None

@@ -55,7 +55,7 @@ class SeriesOrder:
     order: NDArray[np.intp]  # (n,), rows, sorted by series and time
 
     @classmethod
-    def of(cls, types: Labels, paths: Labels, time_s: Floats) -> SeriesOrder:
+    def from_labels(cls, types: Labels, paths: Labels, time_s: Floats) -> SeriesOrder:
         """Sort observations of types and paths (n,) at times (n,), s."""
         pairs = types.codes.astype(np.intp) * len(paths.texts) + paths.codes
         series = []
@@ -128,7 +128,7 @@ class CorrelatedWhitener:
     filter: KalmanFilter
 
     @classmethod
-    def of(cls, series: IndependentSeries, noise: Mapping[str, SeriesNoise]) -> CorrelatedWhitener:
+    def from_noise(cls, series: IndependentSeries, noise: Mapping[str, SeriesNoise]) -> CorrelatedWhitener:
         """Whitener by the noise of each series, one process each; by key, white of unit variance by default."""
         noise_of_series = (noise.get(item.key) for item in series.series)
         numbers = [
@@ -140,7 +140,7 @@ class CorrelatedWhitener:
         step_s = np.diff(series.time_s, prepend=series.time_s[0])
         transition = transitions(step_s, variance, tau_s, changed(series.number))
         every = np.zeros((len(white), 1), dtype=np.intp)
-        return cls(series, KalmanFilter.of(every, np.ones(every.shape), white, transition))
+        return cls(series, KalmanFilter.from_processes(every, np.ones(every.shape), white, transition))
 
     def continues_at(self, start: int) -> bool:
         """Return True within a series, whose noise is filtered from part to part."""

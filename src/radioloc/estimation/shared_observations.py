@@ -61,7 +61,7 @@ class SampledSeries:
         return first, last, "<" in self.path
 
 
-def sample_of(residuals: Residuals) -> list[dict[str, Any]]:
+def residual_sample(residuals: Residuals) -> list[dict[str, Any]]:
     """Return the sampled series of the observations that a fit used, in types that JSON has."""
     rows = np.flatnonzero(residuals.used)
     epoch = residuals.epoch_utc[rows]

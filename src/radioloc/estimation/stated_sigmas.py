@@ -35,7 +35,7 @@ _MAX_SHARED_SPREAD = 1.5  # ratio of the largest to the smallest k of one findin
 def white_ratios(edited: EditedFit, stated_m: Floats, order: SeriesOrder) -> Floats:
     """Noise over stated sigmas (n,) of each series with white residuals; NaN of the other series."""
     fit, count, variance = edited.fit, len(order.series), _variances(edited, stated_m, order)
-    differences = Differences.of(fit.residual_m, stated_m, fit.used, order)
+    differences = Differences.from_residuals(fit.residual_m, stated_m, fit.used, order)
     numbers = np.bincount(differences.code, minlength=count)
     white_variance = np.bincount(differences.code, differences.value**2, count) / np.maximum(numbers, 1)
     is_white = (numbers >= MIN_DIFFERENCES) & (white_variance >= _MIN_WHITE_FRACTION * variance)

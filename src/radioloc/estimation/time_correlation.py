@@ -44,7 +44,7 @@ from radioloc.estimation.gauss_markov import (
 from radioloc.estimation.least_squares import FitResult, fit_least_squares
 from radioloc.estimation.linearization import (
     ResidualFunction,
-    covariance_of,
+    covariance_matrix,
     directions_of_rows,
     gram,
     root_of_rows,
@@ -215,7 +215,7 @@ def fit_with_correlated_weights(
     weights = _weights(series, correlation)
     if not weights:
         return edited
-    whitening = CorrelatedWhitener.of(series, _weight_noise(series, correlation, weights))
+    whitening = CorrelatedWhitener.from_noise(series, _weight_noise(series, correlation, weights))
     fit = fit_least_squares(
         residual_function,
         stated.parameters,
@@ -245,7 +245,7 @@ def _with_covariances(fit: FitResult, noise: CorrelatedWhitener, correlation: Ti
     half = half_products(processes, begin, step_s, np.ones(len(place)), columns)
     added = _added(columns, half, processes, lengths)
     unit = np.eye(len(directions)) + directions @ (unit - np.eye(len(unit))) @ directions.T
-    fit = replace(fit, covariance=covariance_of(fit.factor, fit.parameters, unit))
+    fit = replace(fit, covariance=covariance_matrix(fit.factor, fit.parameters, unit))
     added_covariance = in_parameter_units(directions @ added @ directions.T, fit)
     return replace(fit, time_correlation=replace(correlation, added_covariance=added_covariance))
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from radioloc.errors import InputError, in_file
 from radioloc.imaging.mosaic import write_mosaic
 from radioloc.imaging.orthophoto import write_orthophoto
-from radioloc.imaging.point_location import mean_earth_support, provenance_of
+from radioloc.imaging.point_location import build_provenance, mean_earth_support
 from radioloc.imaging.sensor_models import SensorModel
 from radioloc.imaging.strip_adjustment import (
     GroundTies,
@@ -277,7 +277,7 @@ def make_base_map(study: PointStudy | str | Path, folder: str | Path, *, progres
         np.array(sigma),
         steps,
         tuple(rejected),
-        provenance_of(study.path, chosen.images, (*chosen.models, chosen.dem)),
+        build_provenance(study.path, chosen.images, (*chosen.models, chosen.dem)),
     )
 
 

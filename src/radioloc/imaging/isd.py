@@ -23,8 +23,8 @@ from radioloc.imaging.labels import Keys, is_isis_cube, isd_of_cube
 from radioloc.imaging.orientation import (
     ConstantOrientation,
     TabulatedOrientation,
-    matrices_of,
-    quaternions_of,
+    matrices_from_quaternions,
+    quaternions_from_matrices,
     slerp,
 )
 from radioloc.imaging.sensor_models import FrameModel, LineScanModel
@@ -130,7 +130,7 @@ def _support_data(keys: Keys, scan: bool, axes: str | None) -> SupportData:
     if len(position_times) == len(pointing_times) == 1:
         orientation = ConstantOrientation(positions[0], rotations[0])
     else:
-        table = (position_times, positions, pointing_times, quaternions_of(rotations), velocities)
+        table = (position_times, positions, pointing_times, quaternions_from_matrices(rotations), velocities)
         orientation = TabulatedOrientation(*table)
     middle = np.array([0.0 if not scan else 0.5 * sum(orientation.span_s)])
     [position], [rotation] = orientation.poses(middle)
@@ -207,7 +207,7 @@ def _rotations(keys: Keys, name: str) -> Floats:
     if (np.abs(np.linalg.norm(quaternions, axis=1) - 1.0) > 1e-3).any():
         raise FileFormatError(keys.path, f"{name}.quaternions: expected unit length")
     constant = keys.numbers(f"{name}.constant_rotation", (9,), np.eye(3).ravel()).reshape(3, 3)
-    return constant @ matrices_of(quaternions)
+    return constant @ matrices_from_quaternions(quaternions)
 
 
 def _states(

@@ -15,7 +15,7 @@ import numpy as np
 from radioloc.errors import FileFormatError
 from radioloc.lunar.map_files import open_dataset
 from radioloc.lunar.map_grid import load_rasterio
-from radioloc.text_files import head_of
+from radioloc.text_files import read_head
 from radioloc.vectors import Floats
 
 _MAX_MAGNITUDE = 1e15  # of numbers in a file, in seconds or kilometres
@@ -83,7 +83,7 @@ class Keys:
 
 def is_isis_cube(path: str | Path) -> bool:
     """Return True for a file that begins as an ISIS cube."""
-    return head_of(path, len(_START)).startswith(_START)
+    return read_head(path, len(_START)).startswith(_START)
 
 
 def isd_of_cube(path: str | Path) -> dict[str, Any]:

@@ -19,9 +19,9 @@ from radioloc.imaging.cameras import altitude_m
 from radioloc.imaging.frames import find_mask, read_frame, read_mask
 from radioloc.imaging.homography import transformed
 from radioloc.imaging.image_chain import Frame
-from radioloc.imaging.map_choice import ellipse_of, find_candidates, sun_notes
+from radioloc.imaging.map_choice import confidence_ellipse, find_candidates, sun_notes
 from radioloc.imaging.oblique import read_attitudes
-from radioloc.imaging.point_location import FRAME, ground_at, locate_point, locate_stereo, provenance_of
+from radioloc.imaging.point_location import FRAME, build_provenance, ground_at, locate_point, locate_stereo
 from radioloc.imaging.registration import RegisteredFrame, Registration, register_chain
 from radioloc.imaging.self_calibration import NAMES, SelfCalibration
 from radioloc.imaging.shading import sun_over_map, write_shaded_map
@@ -107,7 +107,7 @@ def locate_images(
 
 def _locate_on_maps(study: ImageStudy, progress: bool) -> ImageSolution:
     """Locate the lander on each map that covers the region of the a-priori solution; the first converged one leads."""
-    region = None if study.images.near is None else ellipse_of(dict(read_recorded(study.images.near)))
+    region = None if study.images.near is None else confidence_ellipse(dict(read_recorded(study.images.near)))
     candidates = find_candidates(study.images, region)
     results: list[MapResult] = []
     for candidate in candidates:
@@ -265,7 +265,7 @@ def _solution(
         altitudes,
         {reference.name: reference.position for reference in study.references},
         (*map_notes, *notes),
-        provenance_of(study.path, chosen.files, (*chosen.base_maps, chosen.dem, chosen.mask, chosen.near)),
+        build_provenance(study.path, chosen.files, (*chosen.base_maps, chosen.dem, chosen.mask, chosen.near)),
         dict(zip(_names(chosen.files), chosen.files, strict=True)),
     )
 

@@ -86,7 +86,7 @@ def _sun_difference_deg(chosen: ImageChoice, base: Map, epoch: str) -> float:
     return abs(math.remainder(of_map_deg - azimuth_deg, 360.0))
 
 
-def ellipse_of(content: dict[str, Any]) -> Floats | None:
+def confidence_ellipse(content: dict[str, Any]) -> Floats | None:
     """Return longitudes and latitudes of the 95 % ellipse of a recorded solution, deg, shape (n, 2)."""
     place, covariance = position_of(content)["me"], horizontal_covariance_of(content)
     if covariance is None:

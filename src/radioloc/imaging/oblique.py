@@ -20,10 +20,10 @@ from radioloc.errors import FileFormatError
 from radioloc.imaging.cameras import Camera, distorted, sight_matrix
 from radioloc.imaging.frames import load_opencv
 from radioloc.imaging.homography import derivative, transformed
-from radioloc.imaging.orientation import matrices_of
+from radioloc.imaging.orientation import matrices_from_quaternions
 from radioloc.imaging.projections import pose_of_homography
 from radioloc.lunar.grey_images import Image, Mask
-from radioloc.text_files import numbers_of, read_rows
+from radioloc.text_files import parse_numbers, read_rows
 from radioloc.vectors import Floats, cross_matrices
 
 _COLUMNS = ("file", "qw", "qx", "qy", "qz")
@@ -99,10 +99,12 @@ def read_attitudes(path: Path) -> dict[str, Floats]:
     """Read rotations from the camera's axes to the Moon's by image: quaternions, scalar first, in a table."""
     attitudes = {}
     for number, cells in read_rows(path, _COLUMNS, "a table of attitudes"):
-        quaternion = np.array(numbers_of(path, number, [cells[name] for name in _COLUMNS[1:]], "quaternion"))
+        quaternion = np.array(
+            parse_numbers(path, number, [cells[name] for name in _COLUMNS[1:]], "quaternion")
+        )
         if abs(np.linalg.norm(quaternion) - 1.0) > _MAX_NORM_ERROR:
             raise FileFormatError(
                 path, f"expected a quaternion of length 1, got {quaternion.tolist()}", number
             )
-        attitudes[cells["file"]] = matrices_of(quaternion)
+        attitudes[cells["file"]] = matrices_from_quaternions(quaternion)
     return attitudes

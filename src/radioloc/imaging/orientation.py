@@ -119,8 +119,10 @@ class TabulatedOrientation:
             nodes = self.position_times_s, self.positions_m, self.velocities_m_s
             positions = np.asarray(CubicHermiteSpline(*nodes)(time_s))
         if self._even[1]:
-            return positions, matrices_of(_lagrange(self.rotation_times_s, self.quaternions, time_s))
-        return positions, slerp(self.rotation_times_s, matrices_of(self.quaternions), time_s)
+            return positions, matrices_from_quaternions(
+                _lagrange(self.rotation_times_s, self.quaternions, time_s)
+            )
+        return positions, slerp(self.rotation_times_s, matrices_from_quaternions(self.quaternions), time_s)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -159,17 +161,17 @@ class CorrectedOrientation:
 Orientation = ConstantOrientation | TabulatedOrientation | CorrectedOrientation
 
 
-def rotation_of(angles_rad: Floats) -> Floats:
+def rotation_matrices(angles_rad: Floats) -> Floats:
     """Return Rx(omega) Ry(phi) Rz(kappa), each turning vectors, shape (n, 3, 3), of angles, shape (n, 3)."""
     return np.asarray(_rotations().from_euler("XYZ", angles_rad).as_matrix())
 
 
-def matrices_of(quaternions: Floats) -> Floats:
+def matrices_from_quaternions(quaternions: Floats) -> Floats:
     """Return rotation matrices, shape (n, 3, 3), of quaternions of any length, scalar first, shape (n, 4)."""
     return np.asarray(_rotations().from_quat(np.roll(quaternions, -1, axis=-1)).as_matrix())
 
 
-def quaternions_of(rotations: Floats) -> Floats:
+def quaternions_from_matrices(rotations: Floats) -> Floats:
     """Return quaternions, scalar first, shape (n, 4), of rotation matrices."""
     return np.asarray(np.roll(_rotations().from_matrix(rotations).as_quat(), 1, axis=-1))
 

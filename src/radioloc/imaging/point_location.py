@@ -58,7 +58,7 @@ def ground_at(chosen: GroundChoice, longitude_deg: float, latitude_deg: float) -
     return Ground(float(height_m), chosen.dem_sigma_m, np.vstack([np.eye(2), slope]), ())
 
 
-def provenance_of(
+def build_provenance(
     study: Path | None, images: Iterable[Path], inputs: Iterable[Path | None]
 ) -> dict[str, Any]:
     """Return the provenance of a solution: versions, the study with its files, and the files with measurements."""
@@ -150,7 +150,7 @@ def locate_stereo(study: PointStudy) -> PointSolution:
         float(np.sqrt(np.average(residuals_m**2, weights=weights))),
         {reference.name: reference.position for reference in study.references},
         ground.notes,
-        provenance_of(study.path, (), (chosen.dem,)),
+        build_provenance(study.path, (), (chosen.dem,)),
         landmarks - body,
         measured.values_m,
     )
@@ -311,5 +311,5 @@ def locate_point(study: PointStudy) -> PointSolution:
         details,
         1,
         references={reference.name: reference.position for reference in study.references},
-        provenance=provenance_of(study.path, (), (chosen.model, chosen.dem)),
+        provenance=build_provenance(study.path, (), (chosen.model, chosen.dem)),
     )

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from radioloc.imaging.frames import read_frame
-from radioloc.imaging.orientation import quaternions_of
+from radioloc.imaging.orientation import quaternions_from_matrices
 from radioloc.imaging.rectification import (
     grid_around,
     map_grid,
@@ -100,7 +100,9 @@ def pose_table(solution: MappedImages) -> dict[str, Any]:
                 "file": frame.name,
                 "pose": _LEVEL if covariance is None else _ADJUSTED,
                 **dict(zip(("x_m", "y_m", "z_m"), position, strict=True)),
-                **dict(zip(("qw", "qx", "qy", "qz"), quaternions_of(rotation[None])[0], strict=True)),
+                **dict(
+                    zip(("qw", "qx", "qy", "qz"), quaternions_from_matrices(rotation[None])[0], strict=True)
+                ),
                 "longitude_deg": math.degrees(longitude),
                 "latitude_deg": math.degrees(latitude),
                 "height_m": height_m,

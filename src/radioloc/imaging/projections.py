@@ -34,7 +34,7 @@ from radioloc.imaging.homography import (
     of_elements,
     transformed,
 )
-from radioloc.imaging.orientation import rotation_of
+from radioloc.imaging.orientation import rotation_matrices
 from radioloc.imaging.surfaces import Terrain
 from radioloc.lunar import TerrainModel
 from radioloc.lunar.maps import TangentPlane
@@ -253,7 +253,7 @@ class Poses:
         return replace(
             self,
             homographies=self.homographies.corrected(np.where(low, steps, 0.0)),
-            rotations=rotation_of(pose_steps[:, :3]) @ self.rotations,
+            rotations=rotation_matrices(pose_steps[:, :3]) @ self.rotations,
             positions_m=self.positions_m + self.ranges_m()[:, np.newaxis] * pose_steps[:, 3:6],
         )
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from radioloc.errors import InputError
 from radioloc.imaging.frames import load_opencv, read_frame
-from radioloc.imaging.point_location import provenance_of, stereo_pair
+from radioloc.imaging.point_location import build_provenance, stereo_pair
 from radioloc.imaging.stereo import StereoPair
 from radioloc.imaging.study import PointStudy, StereoPairChoice
 from radioloc.lunar.grey_images import Image
@@ -169,7 +169,7 @@ def measure_stereo(study: PointStudy) -> StereoPoints:
         (cloud.points_m @ to_body.T + chosen.camera_in_body_m)[consistent],
         sigma_m[consistent],
         images[0][lines[lattice], samples[lattice]][consistent],
-        provenance_of(study.path, (chosen.left_image, chosen.right_image), ()),
+        build_provenance(study.path, (chosen.left_image, chosen.right_image), ()),
     )
 
 

@@ -19,13 +19,13 @@ from radioloc.ephemeris import CONSTANTS, LunarOrientation
 from radioloc.errors import InputError
 from radioloc.io.spice_kernels import M_PER_KM, orbit_parts, states_km
 from radioloc.io.tdm.message import WEATHER, TdmFile, TdmHeader
-from radioloc.io.tdm.write import creation_date_now, tdm_of, write_tdm_file
+from radioloc.io.tdm.write import creation_date_now, to_tdm, write_tdm_file
 from radioloc.lunar import east_north_up, rot_icrf_to_pa, rot_pa_to_me
 from radioloc.lunar.frames import rot_icrf_to_pa_rate
 from radioloc.measurements.observations import Observations
 from radioloc.quantities import accepts_quantities
 from radioloc.results.solution import Solution
-from radioloc.results.tables import SolutionLike, content_of, position_of
+from radioloc.results.tables import SolutionLike, position_of, solution_content
 from radioloc.text_files import to_ascii, write_text
 from radioloc.time import Epochs, epochs_from_strings, to_scale, utc_strings
 from radioloc.vectors import Floats
@@ -49,7 +49,7 @@ def write_oem(
     """Write the inertial states of a lander as an OEM in KVN, with the covariance at the first epoch."""
     # With the position r in principal axes, without tides, and the rotation R to the ICRF, states are (R r, R' r).
     # Their covariance is J P J^T with J = (R, R') and the total covariance P of the position.
-    content = content_of(solution)
+    content = solution_content(solution)
     pa = position_of(content)["pa"]
     tai = _epochs(start_utc, stop_utc, step_s)
     to_icrf = _rotation(pa["frame"], tai)
@@ -152,7 +152,7 @@ def write_residuals_tdm(
         replace(segment, metadata={**segment.metadata, "DATA_QUALITY": quality}, data_comments=(_RESIDUALS,))
         for quality, chosen in (("VALIDATED", rows.used), ("DEGRADED", ~rows.used))
         if chosen.any()
-        for segment in tdm_of(residuals.select(chosen), header).segments
+        for segment in to_tdm(residuals.select(chosen), header).segments
     ]
     write_tdm_file(path, TdmFile(str(path), header, tuple(segments)))
     return Path(path)

@@ -38,7 +38,7 @@ from radioloc.measurements.registry import is_integrated
 from radioloc.measurements.table_columns import COLUMNS
 from radioloc.plugins import Registry, entry_errors
 from radioloc.progress import step
-from radioloc.text_files import head_of, read_text, require_ending
+from radioloc.text_files import read_head, read_text, require_ending
 from radioloc.time import utc_to_tai
 
 logger = logging.getLogger(__name__)
@@ -275,7 +275,7 @@ def _reader_of(path: str | Path) -> Reader:
                     return reader
         return None
 
-    if (reader := of_content(head_of(path, _HEAD_BYTES))) is not None:
+    if (reader := of_content(read_head(path, _HEAD_BYTES))) is not None:
         return reader
     # The start may consist of comments; a binary file of unknown format fails as text.
     text = read_text(path)

@@ -245,7 +245,7 @@ def _ramps(odf: OdfFile, catalogue: StationCatalogue | None) -> Ramps:
         return _utc(odf, time_ns)
 
     with in_file(odf.path):
-        return Ramps.of(
+        return Ramps.from_columns(
             [names[number] for number in ramps["station"].tolist()],
             antenna_epochs("start"),
             antenna_epochs("stop"),

@@ -82,22 +82,22 @@ def read_odf_file(path: str | Path) -> OdfFile:
     words = np.frombuffer(content, dtype=">u4").reshape(-1, 9).astype(np.uint32)
     groups = _groups(path, words)
 
-    def of(*keys: int) -> NDArray[np.int32]:
+    def record_numbers(*keys: int) -> NDArray[np.int32]:
         """Return the numbers of the records of groups, from 0."""
         numbers = [np.arange(header + 1, end) for key, header, end in groups if key in keys]
         return np.concatenate([np.zeros(0, dtype=int), *numbers]).astype(np.int32)
 
     for key in (_LABEL, _IDENTIFIER):
-        if len(of(key)) != 1:
-            problem = f"the group {_NAMES[key]} has {len(of(key))} records; there must be one"
+        if len(record_numbers(key)) != 1:
+            problem = f"the group {_NAMES[key]} has {len(record_numbers(key))} records; there must be one"
             raise FileFormatError(path, problem)
-    [label] = words[of(_LABEL)]
-    orbit = _fields(words[of(_ORBIT)], _ORBIT_FIELDS)
+    [label] = words[record_numbers(_LABEL)]
+    orbit = _fields(words[record_numbers(_ORBIT)], _ORBIT_FIELDS)
     if (wrong := orbit["format"] != FORMAT).any():
         row = int(np.argmax(wrong))
         problem = f"expected data of format {FORMAT} (1997 and later), got {orbit['format'][row]}"
-        raise odf_error(path, problem, int(of(_ORBIT)[row]) + 1)
-    ramps = _fields(words[of(_RAMPS)], _RAMP_FIELDS)
+        raise odf_error(path, problem, int(record_numbers(_ORBIT)[row]) + 1)
+    ramps = _fields(words[record_numbers(_RAMPS)], _RAMP_FIELDS)
     stations = [
         station
         for key, header, end in groups
@@ -107,15 +107,15 @@ def read_odf_file(path: str | Path) -> OdfFile:
     if (wrong := ramps["station"] != stations).any():
         row = int(np.argmax(wrong))
         problem = f"a ramp of station {ramps['station'][row]} is in the group of station {stations[row]}"
-        raise odf_error(path, problem, int(of(_RAMPS)[row]) + 1)
+        raise odf_error(path, problem, int(record_numbers(_RAMPS)[row]) + 1)
     return OdfFile(
         path=str(path),
         spacecraft=int(label[4]),
         reference=(int(label[7]), int(label[8])),
         orbit=orbit,
         ramps=ramps,
-        clocks=_fields(words[of(_CLOCKS)], _CLOCK_FIELDS),
-        orbit_record=of(_ORBIT) + 1,
+        clocks=_fields(words[record_numbers(_CLOCKS)], _CLOCK_FIELDS),
+        orbit_record=record_numbers(_ORBIT) + 1,
     )
 
 

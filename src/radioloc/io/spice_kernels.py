@@ -22,7 +22,7 @@ from radioloc.dynamics import Orbit
 from radioloc.ephemeris.constants import CONSTANTS
 from radioloc.errors import InputError
 from radioloc.quantities import accepts_quantities
-from radioloc.results.tables import SolutionLike, content_of, position_of
+from radioloc.results.tables import SolutionLike, position_of, solution_content
 from radioloc.text_files import replaced_file, require_ending, scratch_folder, to_ascii
 from radioloc.vectors import Floats
 
@@ -78,7 +78,7 @@ def write_spice(path: str | Path, solution: SolutionLike, *, body: int = FIRST_S
     """
     import spiceypy
 
-    content = content_of(solution)
+    content = solution_content(solution)
     spk, frames = Path(path), Path(path).with_suffix(".tf")
     require_ending(spk, (".bsp",))
     if isinstance(body, bool) or not isinstance(body, int) or 0 <= body < 1000:

@@ -38,7 +38,7 @@ from radioloc.earth.stations import StationCatalogue, station_name
 from radioloc.errors import FileFormatError, InputError, in_file
 from radioloc.labels import Labels, changed
 from radioloc.measurements.measurement_type import TIME_TAGS
-from radioloc.measurements.observations import Observations, observations_of
+from radioloc.measurements.observations import Observations, observations_from_columns
 from radioloc.measurements.ramps import Ramps
 from radioloc.measurements.registry import KINDS
 from radioloc.measurements.table_columns import (
@@ -136,7 +136,7 @@ def read_parquet(
         raise FileFormatError(
             path, f"cannot be read as Parquet ({reason}); fetch or write it again"
         ) from error
-    return observations_of(reader.columns(), lunar)
+    return observations_from_columns(reader.columns(), lunar)
 
 
 def write_parquet(path: str | Path, observations: Observations) -> None:
@@ -190,7 +190,7 @@ def read_ramps(path: str | Path, *, catalogue: StationCatalogue | None = None) -
     span = Epochs.concatenate(spans)
     frequency_hz, rate_hz_s = np.array(numbers).T
     with in_file(path):
-        ramps = Ramps.of(names, span[0::2], span[1::2], frequency_hz, rate_hz_s)
+        ramps = Ramps.from_columns(names, span[0::2], span[1::2], frequency_hz, rate_hz_s)
     return ramps
 
 
@@ -239,7 +239,7 @@ def _from_blocks(
                 raise FileFormatError(path, CUT_LINE.format(header[-1]), last)
     if not header:
         raise FileFormatError(path, "has no header line; name the columns (epoch_utc,type,path,...)", 1)
-    observations = observations_of(reader.columns(), lunar)
+    observations = observations_from_columns(reader.columns(), lunar)
     import pyarrow
 
     pyarrow.default_memory_pool().release_unused()  # as much as the table itself

@@ -19,7 +19,7 @@ import numpy as np
 from radioloc.errors import InputError
 from radioloc.jobs.one_thread import on_one_blas_thread
 from radioloc.jobs.planned_fit import PlannedFit
-from radioloc.jobs.preparation import model_of, planned_arc
+from radioloc.jobs.preparation import build_model, planned_arc
 from radioloc.jobs.problem import ArcPart, EstimationProblem, arc_parts
 from radioloc.jobs.selection import arc_lengths, since_start_s
 from radioloc.jobs.study_targets import surface_points
@@ -30,7 +30,7 @@ from radioloc.jobs.trial_folder import (
     run_trials,
     study_record,
 )
-from radioloc.jobs.workers import workers_of
+from radioloc.jobs.workers import open_workers
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.parameters.parameter import ParameterSet
@@ -116,7 +116,7 @@ def accuracy_map(
     record = study_record(study, [] if hours is None else [hours], 0)
     record |= {"grid_deg": [step_deg, *region_deg]}
     resumed = resume and out is not None and refuse_other_study(out, record)
-    with locked_folder(out), workers_of(workers) as pool:
+    with locked_folder(out), open_workers(workers) as pool:
         folder = None if out is None else TrialFolder(out, record, _COLUMNS, (0.0,))
         if folder is not None and not resumed:
             folder.start()
@@ -184,7 +184,7 @@ class _Sites:
     @cached_property
     def model(self) -> PhysicalModel:
         """Physical model of the study, with straight motions near events that serve all sites."""
-        return replace(model_of(self.study), max_extrapolation_s=_MAX_EXTRAPOLATION_S)
+        return replace(build_model(self.study), max_extrapolation_s=_MAX_EXTRAPOLATION_S)
 
     @cached_property
     def height_m(self) -> float:
@@ -223,7 +223,7 @@ class _Sites:
         arc, _, rows = planned_arc(study, plan.observations, model, {})
         noise = scenario.noise.covariance(plan).select(rows)
         lengths = arc_lengths([1e9 if self.hours is None else self.hours], study.observations)
-        [part] = arc_parts(EstimationProblem.of(study, arc, study.estimate, noise), lengths)
+        [part] = arc_parts(EstimationProblem.from_study(study, arc, study.estimate, noise), lengths)
         return plan.select(rows[part.rows]), part
 
     @cached_property

@@ -71,7 +71,7 @@ def arcs(
     longest, left_out = prepared_arc(whole_study, observations)
     solutions = []
     for part in arc_parts(
-        EstimationProblem.of(whole_study, longest, whole_study.estimate), reversed(lengths)
+        EstimationProblem.from_study(whole_study, longest, whole_study.estimate), reversed(lengths)
     ):
         later = len(longest.observations) - len(part.rows)
         reasons = dict(left_out)
@@ -120,7 +120,7 @@ def leave_one_out(
     groups = _groups(arc, study)
     if not groups:
         raise InputError(f"{study.name}: all observations are of one station or link; use `radioloc locate`")
-    problem = EstimationProblem.of(study, arc, study.estimate)
+    problem = EstimationProblem.from_study(study, arc, study.estimate)
     solution = solve(problem, left_out)
     omissions = list[Omission]()
     for (kind, name), mask in progress_bar(groups.items(), shown=progress, unit="fit"):
@@ -128,7 +128,7 @@ def leave_one_out(
         count = int(mask.sum())
         part = problem.select(np.flatnonzero(~mask))
         omitted = solve(part, left_out | {f"of {name}": count}, consistency=False)
-        omissions += Omission.of(kind, name, count, omitted, solution)
+        omissions += Omission.from_solutions(kind, name, count, omitted, solution)
     return LeaveOneOut(solution, tuple(omissions))
 
 

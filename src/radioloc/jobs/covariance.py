@@ -20,7 +20,7 @@ from radioloc.estimation.consider import owner
 from radioloc.jobs.notes import notes_of_plan
 from radioloc.jobs.one_thread import on_one_blas_thread
 from radioloc.jobs.planned_fit import PlannedFit
-from radioloc.jobs.preparation import model_of, planned_arc, prepared_arc
+from radioloc.jobs.preparation import build_model, planned_arc, prepared_arc
 from radioloc.jobs.problem import (
     ArcPart,
     EstimationProblem,
@@ -104,7 +104,7 @@ def covariance(
     require_position_or_orbit(study, "a covariance study")
     if reach_m is not None and not (np.isfinite(reach_m) and reach_m > 0.0):
         raise InputError(f"the 95 % radius to be reached is {reach_m!r} m; give a number above zero")
-    plan = _Plan.of(study, observations)
+    plan = _Plan.from_study(study, observations)
     fits = [plan.fit(part) for part in plan.parts(hours)]
     indices = fits[-1].part.problem.model.estimated_indices
     first, *further = (_study_of_target(plan, fits, k, reach_m) for k in indices)
@@ -144,7 +144,9 @@ class _Plan:
     with_gravity_errors: GravityErrorOrbits = field(default_factory=dict)
 
     @classmethod
-    def of(cls, study: Study, observations: Observations | None = None, like: _Plan | None = None) -> _Plan:
+    def from_study(
+        cls, study: Study, observations: Observations | None = None, like: _Plan | None = None
+    ) -> _Plan:
         """Return the plan of a schedule or of files; `like` has the orbits of another plan."""
         orbits = {} if like is None else like.orbits
         if study.simulation is None or observations is not None:
@@ -153,7 +155,7 @@ class _Plan:
             notes = ["the noise is white and as stated: how long errors last is known from residuals only"]
         else:
             study, arc, left_out, noise, notes = _scheduled(study, study.simulation, orbits)
-        problem = EstimationProblem.of(study, arc, study.estimate, noise)
+        problem = EstimationProblem.from_study(study, arc, study.estimate, noise)
         usable = usability(arc)[0].are(USED)
         if not usable.all():
             notes.append(f"{int((~usable).sum())} observations cannot be used: too low, or out of sight")
@@ -170,7 +172,7 @@ class _Plan:
 
     def fit(self, part: ArcPart) -> PlannedFit:
         """Return the fit of a part without values."""
-        return PlannedFit.of(part, self.usable, self.with_gravity_errors)
+        return PlannedFit.from_arc(part, self.usable, self.with_gravity_errors)
 
     def parts(self, hours: Iterable[FloatLike] | FloatLike | None) -> list[ArcPart]:
         """Return parts of some lengths, the shortest first; of default lengths those that add observations."""
@@ -196,7 +198,7 @@ def _scheduled(
 ) -> tuple[Study, Predictor, dict[str, int], ObservationCovariance, list[str]]:
     """Return the study at the true position, its arc by the schedule, and the noise that the schedule states."""
     study = with_true_positions(study, scenario)
-    model = model_of(study)
+    model = build_model(study)
     orbits = orbits or planned_orbits(study, scenario, model)
     plan = scenario.schedule.plan(model, antenna_targets(study, scenario, model, orbits))
     arc, left_out, rows = planned_arc(study, plan.observations, model, orbits)
@@ -312,7 +314,7 @@ def _more_stations(plan: _Plan, fit: PlannedFit, target: int) -> Iterator[Improv
                 )
             continue
         larger = replace(scenario, schedule=replace(scenario.schedule, sessions=sessions))
-        larger_plan = _Plan.of(replace(plan.study, simulation=larger), like=plan)
+        larger_plan = _Plan.from_study(replace(plan.study, simulation=larger), like=plan)
         [part] = arc_parts(larger_plan.problem, [fit.part.hours])
         yield Improvement(change, larger_plan.fit(part).planned(target).radius_95_m)
 

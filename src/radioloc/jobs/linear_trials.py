@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.estimation.consider import sensitivity_of
+from radioloc.estimation.consider import consider_sensitivity
 from radioloc.estimation.editing import EditedFit
 from radioloc.estimation.linearization import LinearProblem
 from radioloc.estimation.series import SeriesOrder
@@ -79,7 +79,7 @@ class LinearArc:
 
     def fit(self, residual_m: _Floats, seed: int) -> EditedFit:
         """Fit to residuals, as a study does, with the a-priori values of a trial's seed."""
-        linear, parameters = self.problem.of(residual_m), self.parameters
+        linear, parameters = self.problem.residual_function(residual_m), self.parameters
         if self.drawn_prior_sigmas is not None:
             values, sigmas = parameters.prior_values.copy(), self.drawn_prior_sigmas
             drawn = self.problem.x[: len(sigmas)] + drawn_prior_errors(sigmas, seed)
@@ -131,7 +131,9 @@ class LinearTrials:
     def _rows(self, arc: LinearArc, edited: EditedFit, errors: _Floats) -> list[_Floats]:
         fit, count = edited.fit, arc.compared[0].by_parameters.shape[-1]
         covariance = estimated_covariance(edited, arc.order)[0][:count, :count]
-        moved = sensitivity_of(fit, lambda rows: arc.suboptimal_m[rows], arc.suboptimal_m.shape[1])[:count]
+        moved = consider_sensitivity(fit, lambda rows: arc.suboptimal_m[rows], arc.suboptimal_m.shape[1])[
+            :count
+        ]
         x, sigmas = fit.x[:count], np.sqrt(np.diag(covariance + moved @ moved.T))
         doubts = list(
             misfits(edited, np.hypot(arc.noise.sigma_m, np.linalg.norm(arc.suboptimal_m, axis=1)), arc.order)

@@ -23,7 +23,7 @@ from radioloc.estimation.editing import (
 from radioloc.estimation.status import Doubt, FitStatus
 from radioloc.estimation.variance_components import fit_with_variance_components
 from radioloc.jobs.mistakes import with_mistake
-from radioloc.jobs.notes import axes_doubts, limitations_of, notes_of, provenance
+from radioloc.jobs.notes import axes_doubts, model_limitations, provenance, study_notes
 from radioloc.jobs.one_thread import on_one_blas_thread
 from radioloc.jobs.orbit_start import initial_orbit
 from radioloc.jobs.preparation import known_positions, prepared_arc, with_model_of_caller
@@ -112,7 +112,7 @@ def fit_arc(
     consistency: bool = True,
 ) -> Solution:
     """Fit a prepared arc; nothing is estimated where `estimate` is None. Groups are tested for `consistency`."""
-    return solve(EstimationProblem.of(study, arc, estimate), left_out, consistency=consistency)
+    return solve(EstimationProblem.from_study(study, arc, estimate), left_out, consistency=consistency)
 
 
 @on_one_blas_thread()
@@ -236,7 +236,7 @@ def _solution(fitted: _Fitted, consistency: bool) -> Solution:
         candidates=problem.candidate_errors(model, x) if consistency and estimate is not None else None,
         trajectory=None if places else str(arc.trajectories[0]),
         targets=several,
-        limitations=limitations_of(arc),
+        limitations=model_limitations(arc),
     )
 
 
@@ -254,7 +254,7 @@ def _completed(fitted: _Fitted, solution: Solution, left_out: dict[str, int]) ->
         solution = mark_if_unobservable(solution)
     notes = [*coordinate_doubts(arc, problem.start, fitted.edited.fit.used, fitted.fits)]
     considered = None if solution.consider is None else solution.consider.parameters
-    notes += notes_of(study, arc, left_out, estimate, fitted.edited, solution.position_pa_m, considered)
+    notes += study_notes(study, arc, left_out, estimate, fitted.edited, solution.position_pa_m, considered)
     notes += problem.considered.notes
     if model.place_indices:
         notes += axes_doubts(study, solution, constants)

@@ -242,15 +242,15 @@ class _Predictions:
                 arc = prepare_predictor(
                     arc.model, corrected, arc.motions, "auto", arc.targets, arc.more_partials
                 )
-            return EstimationProblem.of(self.problem.study, arc, estimate.restricted_to(arc)).model
+            return EstimationProblem.from_study(self.problem.study, arc, estimate.restricted_to(arc)).model
         except RadiolocError:  # such as an epoch before the first one of a table
             return None
 
     def _linear(self, model: ObservationModel, x: Floats, is_start: bool) -> _Linear:
         if not is_start:
-            return _Linear.of(model, x)
+            return _Linear.from_model(model, x)
         if id(model) not in self.start:
-            self.start[id(model)] = _Linear.of(model, x)
+            self.start[id(model)] = _Linear.from_model(model, x)
         return self.start[id(model)]
 
 
@@ -263,7 +263,7 @@ class _Linear:
     usable: NDArray[np.bool_]  # (n,)
 
     @classmethod
-    def of(cls, model: ObservationModel, x: Floats) -> _Linear:
+    def from_model(cls, model: ObservationModel, x: Floats) -> _Linear:
         design, rows = model.linearize(x), np.arange(len(model.predictor.observations))
         return cls(design.residual_m, design.partials(rows), design.prediction.rows(rows).usable)
 

@@ -17,7 +17,7 @@ from radioloc.jobs.linear_trials import LinearTrials
 from radioloc.jobs.one_thread import on_one_blas_thread
 from radioloc.jobs.prepared_trials import Prepared
 from radioloc.jobs.selection import DEFAULT_HOURS, arc_lengths
-from radioloc.jobs.simulate import scenario_of
+from radioloc.jobs.simulate import build_scenario
 from radioloc.jobs.trial_folder import (
     TrialFolder,
     locked_folder,
@@ -25,7 +25,7 @@ from radioloc.jobs.trial_folder import (
     run_trials,
     study_record,
 )
-from radioloc.jobs.workers import workers_of
+from radioloc.jobs.workers import open_workers
 from radioloc.progress import step
 from radioloc.quantities import FloatLike
 from radioloc.results.monte_carlo import LinearityCheck, MonteCarlo
@@ -112,7 +112,7 @@ def monte_carlo(
     """
     study = as_study(study)
     lengths = arc_lengths(hours, study.observations)
-    seed = scenario_of(study).seed if seed is None else seed
+    seed = build_scenario(study).seed if seed is None else seed
     require_seed(seed)
     if isinstance(trials, bool) or not isinstance(trials, int) or trials < 1:
         raise InputError(f"trials is {trials!r}; give a whole number above zero")
@@ -120,9 +120,9 @@ def monte_carlo(
         raise InputError("to resume needs the folder of the trials; give it as out")
     record = study_record(study, lengths, seed)
     resumed = resume and out is not None and refuse_other_study(out, record)
-    with locked_folder(out), workers_of(workers) as pool:
+    with locked_folder(out), open_workers(workers) as pool:
         with step("preparing the trials"):
-            ready = Prepared.of(study, lengths)
+            ready = Prepared.from_study(study, lengths)
         folder = None if out is None else TrialFolder(out, record, ready.columns, ready.hours)
         if folder is not None and not resumed:
             folder.start()

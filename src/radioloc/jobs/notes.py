@@ -37,7 +37,7 @@ from radioloc.results.solution import Solution
 from radioloc.study.identity import spacecraft_doubts
 from radioloc.study.record import plain, study_origin, versions
 from radioloc.study.study import EstimateChoice, Study, TerrainPrior
-from radioloc.targets.design import orbits_of
+from radioloc.targets.design import a_priori_orbits
 from radioloc.time import utc_strings
 
 _EQUATOR_M_S = 465.1  # Speed of a station on the Earth's equator
@@ -62,7 +62,7 @@ _RECORDED_KEYS = (
 """Keys of ``[observations]`` in the provenance."""
 
 
-def notes_of(
+def study_notes(
     study: Study,
     arc: Predictor,
     left_out: dict[str, int],
@@ -154,7 +154,7 @@ def notes_of_plan(arc: Predictor, left_out: dict[str, int], parameters: Iterable
     return [*not_selected, *stations, *_model_notes(arc)]
 
 
-def limitations_of(arc: Predictor) -> tuple[str, ...]:
+def model_limitations(arc: Predictor) -> tuple[str, ...]:
     """Return the effects that are not modelled and the sources of the model; they require no action."""
     return (*_station_notes(arc, _UNMODELLED), *_model_limitations(arc))
 
@@ -303,7 +303,7 @@ def _model_notes(arc: Predictor) -> Iterator[str]:
     if model.has("ionosphere") and model.ionosphere is None and uncalibrated:
         stations = f" for {_names(uncalibrated)}" if len(uncalibrated) < len(radio) else ""
         yield f"no ionospheric delay of radio signals{stations}: give maps or a content, [model] ionex or tec_tecu"
-    orbits = orbits_of(arc)
+    orbits = a_priori_orbits(arc)
     yield from dict.fromkeys(note for orbit in orbits for note in orbit.forces.gravity.notes)
     if any(motion.trajectory is not None and motion.adjustable is None for motion in arc.motions):
         yield "the trajectory is taken as exact: its error is in the residuals, and in no sigma"

@@ -47,7 +47,7 @@ class StagedStart:
     columns: slice = field(default_factory=lambda: slice(None))
 
     @classmethod
-    def of(cls, problem: ObservationModel, sigma_m: Floats, target: int = 0) -> StagedStart | None:
+    def from_model(cls, problem: ObservationModel, sigma_m: Floats, target: int = 0) -> StagedStart | None:
         """Return the start of a target's orbit, or ``None`` if no state is estimated."""
         parameters, orbit = problem.parameters, problem.targets[target].orbit
         columns = problem.columns_of(target)
@@ -98,7 +98,7 @@ def initial_orbit(problem: ObservationModel, sigma_m: Floats, usable: NDArray[np
     # Without it a fit of 36 hours from 1.9 km and 1.9 m/s off does not converge (tests/unit/jobs/test_orbit_study.py).
     values, is_changed = problem.parameters.prior_values.copy(), False
     for target in problem.orbit_indices:
-        start = StagedStart.of(problem, sigma_m, target)
+        start = StagedStart.from_model(problem, sigma_m, target)
         if start is not None and (usable & np.isfinite(start.away_s)).any():
             columns = problem.columns_of(target)
             orbit = _fit_growing_arcs(start, usable & np.isfinite(start.away_s))

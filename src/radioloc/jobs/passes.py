@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from radioloc.constants import C_M_S
 from radioloc.ephemeris.trajectory import AnyTrajectory
 from radioloc.errors import InputError
-from radioloc.jobs.preparation import model_of, prepared_arc
+from radioloc.jobs.preparation import build_model, prepared_arc
 from radioloc.labels import Labels
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.exact_predictor import ExactPredictor
@@ -28,10 +28,10 @@ from radioloc.quantities import DateLike, FloatLike, accepts_quantities
 from radioloc.results.predictions import LightTimes, Pass, Passes
 from radioloc.simulation.schedule import LINKS, Schedule, Session
 from radioloc.simulation.simulate import TargetRecord
-from radioloc.simulation.visibility import Masks, Target, Window, direction_of, elevations, windows
+from radioloc.simulation.visibility import Masks, Target, Window, elevations, tracked_target, windows
 from radioloc.study.study import Study
 from radioloc.study.study_file import as_study
-from radioloc.study.weights import ends_of
+from radioloc.study.weights import link_stations
 from radioloc.targets.registry import TargetDescription
 from radioloc.time import (
     Epochs,
@@ -91,7 +91,7 @@ def visibility(
     >>> [(one.station, one.rises, one.sets) for one in found.passes]
     [('KASHI', False, True), ('KASHI', True, False)]
     """
-    scene = scene_of(study, stations, start_utc, stop_utc, mask_deg)
+    scene = build_scene(study, stations, start_utc, stop_utc, mask_deg)
     model, masks = scene.model, scene.masks
     names, first, last = scene.stations, scene.start_utc, scene.stop_utc
     several = len(scene.motions) > 1
@@ -101,7 +101,7 @@ def visibility(
         for name in dict.fromkeys(names)
         for window in windows(model, target, [name], first, last, masks)
     ]
-    by_station = {name: masks.of(name) for name in names}
+    by_station = {name: masks.for_station(name) for name in names}
     targets = tuple(scene.motions) if several else ()
     return Passes(scene.name, first, last, by_station, masks.target_deg, tuple(passes), targets)
 
@@ -121,10 +121,10 @@ class Scene:
     @property
     def positions(self) -> dict[str, Target]:
         """Positions of points, principal axes, m, and trajectories of spacecraft."""
-        return {name: direction_of(motion) for name, motion in self.motions.items()}
+        return {name: tracked_target(motion) for name, motion in self.motions.items()}
 
 
-def scene_of(
+def build_scene(
     study: Study | str | Path,
     stations: Sequence[str],
     start_utc: str | None,
@@ -133,7 +133,7 @@ def scene_of(
 ) -> Scene:
     """Return the scene of a study; arguments replace its stations, span and masks, as in :func:`visibility`."""
     study = as_study(study)
-    model = model_of(study)
+    model = build_model(study)
     if study.simulation is not None:
         names, first, last, masks = _planned(study)
     elif stations and start_utc and stop_utc:
@@ -180,7 +180,7 @@ def _planned(study: Study) -> tuple[list[str], str, str, Masks]:
 def _observed(study: Study) -> tuple[list[str], str, str, Masks]:
     """Return stations and span of the observations, and the default masks."""
     observations = prepared_arc(study)[0].observations
-    names = sorted(set().union(*ends_of(observations.links, study.catalogue)))
+    names = sorted(set().union(*link_stations(observations.links, study.catalogue)))
     epochs = utc_strings(observations.epoch, decimals=0)
     return names, str(min(epochs)), str(max(epochs)), Masks()
 
@@ -264,7 +264,7 @@ def light_times(
     if not (math.isfinite(carrier_hz) and 0.0 < carrier_hz < _MAX_RADIO_HZ):
         raise InputError(f"frequency_hz: expected a radio frequency below 3e11 Hz, got {frequency_hz!r}")
     kind, counted = _KINDS_BY_FORM[WAYS[links]]
-    scene = scene_of(study, stations, start_utc, stop_utc, mask_deg)
+    scene = build_scene(study, stations, start_utc, stop_utc, mask_deg)
     pairs = LINKS[links][1](*dict.fromkeys(scene.stations))
     if not pairs:
         raise InputError(f"stations: links = {links!r} needs two or more, got {', '.join(scene.stations)}")
@@ -295,7 +295,7 @@ def light_times(
         rows.epoch,
         Labels(rows.link, tuple(link.path for link in rows.links)),
         columns,
-        Labels.of(np.concatenate([sentences for _, _, sentences in parts])),
+        Labels.from_texts(np.concatenate([sentences for _, _, sentences in parts])),
     )
 
 

@@ -22,7 +22,7 @@ from radioloc.estimation.consider import (
     sensitivity,
 )
 from radioloc.estimation.least_squares import FitResult
-from radioloc.estimation.linearization import Linearization, covariance_of, factorize
+from radioloc.estimation.linearization import Linearization, covariance_matrix, factorize
 from radioloc.estimation.observability import assess_observability
 from radioloc.estimation.status import FitStatus
 from radioloc.jobs.problem import ArcPart, GravityErrorOrbits, orbit_state, own_gravity_errors
@@ -69,7 +69,7 @@ class PlannedFit:
     design: DesignMatrix | None = None  # of the model at its a-priori parameters; computed if None
 
     @classmethod
-    def of(cls, part: ArcPart, usable: _Mask, orbits: GravityErrorOrbits) -> PlannedFit:
+    def from_arc(cls, part: ArcPart, usable: _Mask, orbits: GravityErrorOrbits) -> PlannedFit:
         """Return the fit with all usable observations of the whole plan, (n,)."""
         problem = part.problem
         parameters, used = problem.model.parameters, usable[part.rows]
@@ -78,7 +78,7 @@ class PlannedFit:
         stochastic = StochasticProblem.linearized_about(
             problem.model, problem.process_noise, parameters.prior_values
         )
-        process = IndependentAccelerations.of(stochastic)
+        process = IndependentAccelerations.from_problem(stochastic)
         # Process noise stands for the errors of the gravity field.
         return cls(part, used, {}, ParameterSet([*parameters, *process.parameters]), process)
 
@@ -114,7 +114,7 @@ class PlannedFit:
         return FitResult(
             parameters=parameters,
             x=x,
-            covariance=covariance_of(factor, parameters),
+            covariance=covariance_matrix(factor, parameters),
             linearization=linearization,
             noise=problem.noise,
             used=self.used,

@@ -42,7 +42,7 @@ from radioloc.vectors import Floats
 logger = logging.getLogger(__name__)
 
 
-def arc_of(
+def prepare_arc(
     study: Study | str | Path, observations: Observations | None = None, model: PhysicalModel | None = None
 ) -> Predictor:
     """Return the prepared arc of a study, at its a-priori positions or trajectory, for predictions and tables of terms.
@@ -52,7 +52,7 @@ def arc_of(
     Examples
     --------
     >>> import radioloc
-    >>> arc = radioloc.jobs.arc_of("examples/apollo15/apollo15.toml")
+    >>> arc = radioloc.jobs.prepare_arc("examples/apollo15/apollo15.toml")
     >>> arc.compute().by_position_pa.shape
     (153, 3)
     """
@@ -75,7 +75,7 @@ def prepared_arc(
 
     The a-priori `orbits` of targets over all of them, by name, are not integrated anew.
     """
-    model = model_of(study) if model is None else model
+    model = build_model(study) if model is None else model
     constants = model.ephemeris.constants
     start = apriori_points(study, model)
     known_positions(study, constants)  # one in a wrong frame is to be told before the work, not after it
@@ -126,7 +126,7 @@ def known_positions(study: Study, constants: EphemerisConstants) -> list[tuple[s
     return [(item.name, position_in_pa(table, item.position, constants).xyz_m) for table, item in tables]
 
 
-def model_of(study: Study) -> PhysicalModel:
+def build_model(study: Study) -> PhysicalModel:
     """Return the physical model of a study; errors as :func:`radioloc.locate`."""
     choice = study.model
     uniform = None if choice.tec_tecu is None else UniformTec(choice.tec_tecu)
@@ -195,7 +195,7 @@ def read_as(study: Study, files: Sequence[str | Path], model: PhysicalModel | No
     Errors as :func:`radioloc.locate`.
     """
     # Delays of the model must not be subtracted a second time with those of a file.
-    tdm = replace(study.observations.tdm, modelled=(model or model_of(study)).delays)
+    tdm = replace(study.observations.tdm, modelled=(model or build_model(study)).delays)
     observations = read_observations(
         files,
         catalogue=study.catalogue,

@@ -27,7 +27,7 @@ from radioloc.jobs.linear_trials import (
     true_values,
 )
 from radioloc.jobs.locate import solve
-from radioloc.jobs.preparation import model_of, planned_arc
+from radioloc.jobs.preparation import build_model, planned_arc
 from radioloc.jobs.problem import (
     ArcPart,
     EstimationProblem,
@@ -36,7 +36,7 @@ from radioloc.jobs.problem import (
     considered_errors,
     require_position_or_orbit,
 )
-from radioloc.jobs.simulate import names_in_scenario, planned_orbits, scenario_of
+from radioloc.jobs.simulate import build_scenario, names_in_scenario, planned_orbits
 from radioloc.jobs.study_targets import position_in_pa
 from radioloc.jobs.usability import usability
 from radioloc.labels import USED, Labels
@@ -104,11 +104,11 @@ class Prepared:
         return results
 
     @classmethod
-    def of(cls, study: Study, hours: Sequence[float]) -> Prepared:
+    def from_study(cls, study: Study, hours: Sequence[float]) -> Prepared:
         """Prepare a study for arcs of some lengths, the shortest first, h."""
-        scenario = scenario_of(study)
+        scenario = build_scenario(study)
         require_position_or_orbit(study, "a Monte Carlo study")
-        model = model_of(study)
+        model = build_model(study)
         for record in scenario.targets.values():
             if isinstance(record, LunarPosition):
                 position_in_pa("[simulation.position]", record, model.ephemeris.constants)
@@ -121,7 +121,7 @@ class Prepared:
         # Clocks of the world and of the fits refer to one epoch.
         clock_epoch = study.estimate.clock_epoch or epochs_from_strings([scenario.clock_epoch_utc], "UTC")
         study = replace(study, reference=None, estimate=replace(study.estimate, clock_epoch=clock_epoch))
-        parts = arc_parts(EstimationProblem.of(study, longest, study.estimate), reversed(hours))
+        parts = arc_parts(EstimationProblem.from_study(study, longest, study.estimate), reversed(hours))
         truths, targets = {item.name: item for item in world.targets}, []
         fitted = parts[0].problem.model
         for k in fitted.estimated_indices:
@@ -163,7 +163,7 @@ class Prepared:
             arc = problem.arc.with_values(value_m[part.rows])
             assert problem.estimate is not None
             estimate = self._with_drawn_priors(problem.estimate, seed)
-            drawn = EstimationProblem.of(problem.study, arc, estimate, problem.noise)
+            drawn = EstimationProblem.from_study(problem.study, arc, estimate, problem.noise)
             solution = solve(drawn, {}, consistency=False)
             sigmas, total = solution.sigmas(), solution.fit.total
             for target in self.targets:
@@ -219,7 +219,7 @@ class Prepared:
         if any(arc is None for arc in arcs):
             return None
         return LinearTrials(
-            draws=NoiseDraws.of(self.world.scenario.noise, self.world.plan),
+            draws=NoiseDraws.from_plan(self.world.scenario.noise, self.world.plan),
             rows=self.rows,
             constant_m=self.world.value_m[self.rows] - computed_m,
             drawn=self.world.drawn.rows(self.rows),

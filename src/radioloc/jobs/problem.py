@@ -23,7 +23,7 @@ from radioloc.estimation.time_correlation import fit_with_correlated_weights
 from radioloc.jobs.independent_clocks import with_independent_clocks
 from radioloc.jobs.selection import EPOCH_ROUNDING_S, since_start_s
 from radioloc.jobs.station_noise import noise_of
-from radioloc.jobs.study_targets import targets_of
+from radioloc.jobs.study_targets import build_targets
 from radioloc.labels import Labels
 from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.registry import KINDS
@@ -35,7 +35,7 @@ from radioloc.parameters.columns import Columns, members
 from radioloc.parameters.considered import default_sigmas, resolved
 from radioloc.parameters.parameter import Parameter, ParameterSet, Role
 from radioloc.parameters.registry import PARAMETERS
-from radioloc.parameters.rows import ObservationRows, middle_of
+from radioloc.parameters.rows import ObservationRows, middle_epoch
 from radioloc.study.orbit_choice import ProcessNoise
 from radioloc.study.study import EstimateChoice, Study
 from radioloc.targets.design import DesignMatrix, ObservationModel, effects_on_orbit
@@ -83,7 +83,9 @@ class ConsideredParameters:
     notes: tuple[str, ...] = ()  # on default kinds that are not considered
 
     @classmethod
-    def of(cls, study: Study, arc: Predictor, estimate: EstimateChoice | None) -> ConsideredParameters:
+    def from_study(
+        cls, study: Study, arc: Predictor, estimate: EstimateChoice | None
+    ) -> ConsideredParameters:
         """Return those of a study and the defaults of their kinds; none where nothing is estimated."""
         if estimate is None:
             return cls()
@@ -110,7 +112,7 @@ class EstimationProblem:
     order: SeriesOrder
 
     @classmethod
-    def of(
+    def from_study(
         cls,
         study: Study,
         arc: Predictor,
@@ -123,8 +125,8 @@ class EstimationProblem:
             estimate = with_clock_epoch(estimate, arc)
         observations = arc.observations
         choice = study.estimate.without_estimates() if estimate is None else estimate
-        considered = ConsideredParameters.of(study, arc, estimate)
-        model = observation_model(arc, targets_of(study, arc, choice), choice, considered.in_weights)
+        considered = ConsideredParameters.from_study(study, arc, estimate)
+        model = observation_model(arc, build_targets(study, arc, choice), choice, considered.in_weights)
         if estimate is not None and not any(item.role is Role.ESTIMATED for item in model.parameters):
             raise InputError(
                 'nothing to estimate: [estimate] position is "none" and no bias is asked for; '
@@ -139,14 +141,14 @@ class EstimationProblem:
             considered,
             model,
             noise_of(study, arc) if noise is None else noise,
-            SeriesOrder.of(types, paths, seconds_since_midnight(observations.epoch)),
+            SeriesOrder.from_labels(types, paths, seconds_since_midnight(observations.epoch)),
         )
 
     def select(self, rows: NDArray[np.intp]) -> EstimationProblem:
         """Return the problem of some observations, without parameters that act on none of them."""
         arc = self.arc.select(rows)
         estimate = None if self.estimate is None else self.estimate.restricted_to(arc)
-        return EstimationProblem.of(self.study, arc, estimate, self.noise.select(rows))
+        return EstimationProblem.from_study(self.study, arc, estimate, self.noise.select(rows))
 
     @property
     def start(self) -> Motions:
@@ -248,7 +250,7 @@ def observation_model(
         if (columns := _columns("[estimate]", name, chosen, arc, Role.ESTIMATED, choice)) is not None
     ]
     considered = considered or []
-    model = ObservationModel.of(arc, targets, [*kinds, *considered])
+    model = ObservationModel.from_targets(arc, targets, [*kinds, *considered])
     if choice.clock_epoch is not None:
         model = replace(model, reference=utc_to_tai(choice.clock_epoch))
     return replace(model, considered_kinds=len(considered))
@@ -261,7 +263,7 @@ def with_clock_epoch(estimate: EstimateChoice, arc: Predictor) -> EstimateChoice
     """
     if estimate.clock_epoch is not None or not len(arc.observations):
         return estimate
-    return replace(estimate, clock_epoch=tai_to_utc(middle_of(arc.observations)))
+    return replace(estimate, clock_epoch=tai_to_utc(middle_epoch(arc.observations)))
 
 
 def with_weights(
@@ -295,7 +297,7 @@ def _errors_of(
     """Return considered parameters with their partials at the parameters x of a model; None of no kinds."""
     if not kinds:
         return None
-    errors = replace(ObservationModel.of(model.predictor, (), kinds), reference=model.reference)
+    errors = replace(ObservationModel.from_targets(model.predictor, (), kinds), reference=model.reference)
     motions = model.motions(x)
     prediction, residual_m = model.predictor.predict(motions), np.zeros(0)  # residuals are not asked for
     design = DesignMatrix(errors, prediction, motions, errors.parameters.prior_values, residual_m)

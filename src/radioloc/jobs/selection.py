@@ -18,7 +18,7 @@ from radioloc.measurements.observations import Observations
 from radioloc.measurements.registry import KINDS, is_integrated
 from radioloc.quantities import FloatLike, accepts_quantities
 from radioloc.study.observation_choice import ObservationChoice
-from radioloc.study.weights import ends_of
+from radioloc.study.weights import link_stations
 from radioloc.time import tai_to_utc, utc_to_tai
 
 DEFAULT_HOURS = (12.0, 24.0, 48.0)  # Arcs of Wang et al. (2021), table 1.
@@ -167,7 +167,7 @@ def _station_mask(
         return np.ones(len(observations), dtype=bool)
     with error_context("[observations] stations:"):
         members = {name: {station.name for station in catalogue.members(name)} for name in stations}
-    ends = ends_of(observations.links, catalogue)
+    ends = link_stations(observations.links, catalogue)
     present, chosen = set[str]().union(*ends), set[str]().union(*members.values())
     if missing := sorted(name for name, names in members.items() if not names & present):
         raise InputError(

@@ -10,7 +10,7 @@ from pathlib import Path
 from radioloc.dynamics import AdjustableOrbit
 from radioloc.errors import InputError
 from radioloc.jobs.one_thread import on_one_blas_thread
-from radioloc.jobs.preparation import model_of
+from radioloc.jobs.preparation import build_model
 from radioloc.jobs.problem import considered_errors
 from radioloc.jobs.study_targets import described_target
 from radioloc.lunar.position import LunarPosition
@@ -18,7 +18,7 @@ from radioloc.measurements.link import canonical_target
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.target_motion import TrajectoryMotion, as_motion
 from radioloc.simulation import Scenario, Simulated, TruthSigma
-from radioloc.simulation.visibility import Target, direction_of
+from radioloc.simulation.visibility import Target, tracked_target
 from radioloc.study.study import Study
 from radioloc.study.study_file import as_study
 from radioloc.targets.registry import TargetDescription
@@ -56,14 +56,14 @@ def simulate(study: Study | str | Path, seed: int | None = None, *, draw_errors:
     ['range', 'vlbi_delay']
     """
     study = as_study(study)
-    scenario = scenario_of(study)
+    scenario = build_scenario(study)
     considered = partial(considered_errors, study)
     if not draw_errors:  # partials with respect to undrawn errors take hundreds of megabytes at 1 Hz
         scenario = replace(scenario, truth_sigma=TruthSigma(considered=False))
-    return scenario.world(model_of(study), considered).draw(seed=seed, draw_errors=draw_errors)
+    return scenario.world(build_model(study), considered).draw(seed=seed, draw_errors=draw_errors)
 
 
-def scenario_of(study: Study) -> Scenario:
+def build_scenario(study: Study) -> Scenario:
     """Return the scenario of a study; a study without one is an error."""
     if study.simulation is None:
         raise InputError(
@@ -116,5 +116,5 @@ def antenna_targets(
             motion = TrajectoryMotion(orbits[name].nearest())
         else:
             motion = as_motion(study.all_targets[name], model)  # type: ignore[arg-type]
-        targets[simulated] = direction_of(motion)
+        targets[simulated] = tracked_target(motion)
     return targets

@@ -13,7 +13,7 @@ from radioloc.errors import StationError
 from radioloc.measurements.evaluation import prepare_predictor
 from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.target_motion import Motions
-from radioloc.targets.design import orbits_of
+from radioloc.targets.design import a_priori_orbits
 
 _SAMPLE_ROWS = 20
 _MIN_IMPROVEMENT = 10.0  # Ratio of the rms of residuals
@@ -24,7 +24,7 @@ def coordinate_doubts(arc: Predictor, motions: Motions, used: NDArray[np.bool_],
     """Yield a warning for each station that fits, or sees the target, only with exchanged axes or signs."""
     # Without it a station with x and y exchanged is only far off (tests/unit/jobs/test_station_doubts.py).
     observations, shipped = arc.observations, StationCatalogue.default()
-    for name in () if orbits_of(arc) else arc.stations:
+    for name in () if a_priori_orbits(arc) else arc.stations:
         station = arc.model.catalogue.get(name)
         if station.name in shipped and np.array_equal(shipped[station.name].itrf_m, station.itrf_m):
             continue

@@ -19,7 +19,7 @@ from radioloc.dynamics.stochastic import (
     stochastic_forces,
 )
 from radioloc.errors import InputError
-from radioloc.estimation.consider import ConsideredErrors, sensitivity_of
+from radioloc.estimation.consider import ConsideredErrors, consider_sensitivity
 from radioloc.estimation.editing import EditedFit
 from radioloc.estimation.information_filter import InformationFilter
 from radioloc.estimation.least_squares import FitResult
@@ -141,7 +141,7 @@ class StochasticProblem:
         if suboptimal is not None:
             # Their errors are those of the assumed values, which residuals have with the other sign.
             sigmas = suboptimal.parameters.prior_sigmas
-            moved = sensitivity_of(fit, suboptimal.partials, len(sigmas))[free] * sigmas
+            moved = consider_sensitivity(fit, suboptimal.partials, len(sigmas))[free] * sigmas
             joint = np.block([[joint + moved @ moved.T, -moved], [-moved.T, np.eye(len(sigmas))]])
 
         def partials(rows: NDArray[np.intp]) -> Floats:
@@ -182,7 +182,7 @@ class IndependentAccelerations:
     deviations: Chains  # d with which the intervals begin, (K + 1, 6, w)
 
     @classmethod
-    def of(cls, problem: StochasticProblem) -> IndependentAccelerations:
+    def from_problem(cls, problem: StochasticProblem) -> IndependentAccelerations:
         """Return those of the intervals of a problem, outward from the epoch."""
         process = problem.with_process.process
         assert process is not None

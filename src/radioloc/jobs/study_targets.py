@@ -33,7 +33,7 @@ from radioloc.targets.surface_point import (
 from radioloc.targets.target import Target
 
 
-def targets_of(study: Study, arc: Predictor, choice: EstimateChoice) -> list[Target]:
+def build_targets(study: Study, arc: Predictor, choice: EstimateChoice) -> list[Target]:
     """Return the targets of a study, with their estimated parameters, in the order of the arc's motions."""
     names = study.names_in_order or tuple(study.all_targets)
     targets: list[Target] = [

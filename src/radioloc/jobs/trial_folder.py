@@ -22,7 +22,7 @@ from radioloc.jobs.workers import Job, Workers
 from radioloc.progress import progress_bar
 from radioloc.report.files import earlier_files, made_folder, remove_files, write_json
 from radioloc.results.registry import RESULTS
-from radioloc.study.record import settings_of, versions
+from radioloc.study.record import study_settings, versions
 from radioloc.study.study import Study
 from radioloc.text_files import TEMPORARY_FILES, json_file, locked, replaced_file
 
@@ -129,7 +129,7 @@ class TrialFolder:
 
 def study_record(study: Study, hours: Sequence[float], seed: int) -> dict[str, Any]:
     """Return the settings of the trials of a study, except their number, in types of JSON."""
-    return {"versions": versions(), "seed": seed, "hours": list(hours), **settings_of(study)}
+    return {"versions": versions(), "seed": seed, "hours": list(hours), **study_settings(study)}
 
 
 def refuse_other_study(folder: str | Path, record: dict[str, Any]) -> bool:

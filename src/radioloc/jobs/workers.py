@@ -115,7 +115,7 @@ class Workers:
 
 
 @contextmanager
-def workers_of(workers: Any = 1) -> Iterator[Workers]:
+def open_workers(workers: Any = 1) -> Iterator[Workers]:
     """Provide workers until the block ends: this process, a number of processes, or an executor of the caller."""
     if (names := registered_names()) and workers != 1:
         raise InputError(

@@ -246,7 +246,9 @@ class Observations:
         <Observations 2 2024-05-02 to 2024-05-02>
         """
         catalogue = StationCatalogue.default() if catalogue is None else catalogue
-        return observations_of(columns_of_table(table, columns, units, constants, catalogue=catalogue), lunar)
+        return observations_from_columns(
+            columns_of_table(table, columns, units, constants, catalogue=catalogue), lunar
+        )
 
     @staticmethod
     def concatenate(parts: Sequence[Observations]) -> Observations:
@@ -448,7 +450,7 @@ def _frozen(observations: Observations) -> Observations:
     return observations
 
 
-def observations_of(columns: Mapping[str, Any], lunar: bool) -> Observations:
+def observations_from_columns(columns: Mapping[str, Any], lunar: bool) -> Observations:
     """Return the observations of the columns of a table without duplicates; ranges of lunar targets are checked."""
     observations = Observations.from_columns(**columns)
     if lunar:

@@ -38,7 +38,7 @@ _MAX_STEP_FRACTION = 0.01  # largest relative step of the frequency within a sig
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Ramps:
-    """Pieces of the transmitted frequency by the clock of the station, from :meth:`Ramps.of`."""
+    """Pieces of the transmitted frequency by the clock of the station, from :meth:`Ramps.from_columns`."""
 
     stations: tuple[str, ...]  #: names of the transmitting stations, each once
     station: NDArray[np.int32]  #: (n,), index into ``stations``
@@ -55,7 +55,7 @@ class Ramps:
 
     @classmethod
     @accepts_quantities
-    def of(
+    def from_columns(
         cls,
         station: Sequence[str],
         start: Epochs,

@@ -26,7 +26,7 @@ from radioloc.measurements.resolution import is_single_precision
 from radioloc.text_files import text_of_cell
 from radioloc.time import Epochs, to_scale
 from radioloc.time.dates import utc_from_picoseconds, utc_from_text, utc_to_picoseconds
-from radioloc.units import ASTROPY_UNITS, as_float_array, in_unit, unit_of
+from radioloc.units import ASTROPY_UNITS, argument_unit, as_float_array, in_unit
 from radioloc.vectors import Floats
 
 SPLIT_EPOCH = ("utc_date", "utc_ps")
@@ -384,7 +384,7 @@ def _arrow(name: str, column: Any, column_unit: str, unit: str | None) -> dict[s
     if name == "epoch_utc" and (hasattr(column, "jd1") or isinstance(column, Epochs)):
         days, picoseconds = utc_to_picoseconds(to_scale(column, "UTC"))
         return {"utc_date": pyarrow.array(days.astype("datetime64[D]")), "utc_ps": pyarrow.array(picoseconds)}
-    expected = "1" if name in ("relative_humidity", "ramped") else unit_of(name)
+    expected = "1" if name in ("relative_humidity", "ramped") else argument_unit(name)
     if expected is not None and name not in SPLIT_EPOCH:
         return {name: pyarrow.array(_in_unit(name, column, column_unit, unit, expected), from_pandas=True)}
     if unit is not None:

@@ -41,7 +41,7 @@ from radioloc.media.neutral_atmosphere import (
     STANDARD_GRAVITY_M_S2,
     column_gravity,
 )
-from radioloc.text_files import ANY_BYTE, numbers_of, read_lines, table_of
+from radioloc.text_files import ANY_BYTE, parse_numbers, read_lines, table_of
 from radioloc.time import Epochs, epochs_from_strings
 from radioloc.time.scales import to_scale
 from radioloc.vectors import Floats
@@ -134,7 +134,7 @@ def read_vmf3_sites(paths: Sequence[Path]) -> dict[str, Vmf3Site]:
                     f"expected 9 columns (name, MJD, ah, aw, zhd, zwd, p, T, e) or 13, got {len(words) + 1}"
                 )
                 raise FileFormatError(path, problem, number)
-            mjd, *values = numbers_of(path, number, words, "a value of VMF3")
+            mjd, *values = parse_numbers(path, number, words, "a value of VMF3")
             _require_plausible(path, [number], np.array([values[:7]]))
             series = rows.setdefault(station, {})
             if mjd in series:
@@ -186,12 +186,12 @@ def _read_map(path: Path) -> tuple[float, Floats]:
         problem = f"Data_types: expected VMF3 or V3GR (lat lon ah aw zhd zwd ...), got {content!r}"
         raise FileFormatError(path, problem, number)
     number, content = header["Scale_factor"]
-    if numbers_of(path, number, [content], "a scale factor") != [1.0]:
+    if parse_numbers(path, number, [content], "a scale factor") != [1.0]:
         raise FileFormatError(path, f"Scale_factor: expected 1, got {content}", number)
     if "Epoch" not in header:
         raise FileFormatError(path, "the header lacks the line '! Epoch:'")
     number, content = header["Epoch"]
-    parts = numbers_of(path, number, content.split(), "an epoch")
+    parts = parse_numbers(path, number, content.split(), "an epoch")
     if len(parts) != 6:
         raise FileFormatError(path, "Epoch: expected year month day hour minute second", number)
     date = "{:04.0f}-{:02.0f}-{:02.0f}T{:02.0f}:{:02.0f}:{:02.0f}".format(*parts)
@@ -208,7 +208,7 @@ def _read_orography(path: str | Path, order: NDArray[np.int64]) -> Floats:
     heights: list[float] = []
     for number, line in enumerate(read_lines(path, encoding=ANY_BYTE), start=1):
         if not line.lstrip().startswith(("!", "%", "#")):
-            heights.extend(numbers_of(path, number, line.split(), "a height"))
+            heights.extend(parse_numbers(path, number, line.split(), "a height"))
     low_m, high_m = _HEIGHT_LIMITS_M
     for height_m in heights:
         if not low_m <= height_m <= high_m:

@@ -31,7 +31,7 @@ import numpy as np
 from radioloc.constants import MJD_ZERO_JD, SECONDS_PER_DAY
 from radioloc.earth.stations import Station
 from radioloc.errors import CoverageError, FileFormatError, InputError
-from radioloc.text_files import ANY_BYTE, numbers_of, read_text
+from radioloc.text_files import ANY_BYTE, parse_numbers, read_text
 from radioloc.time import Epochs, epochs_from_strings, to_scale, utc_strings
 from radioloc.vectors import Floats
 
@@ -253,7 +253,7 @@ class _Items:
         shape = by.removeprefix("BY ").removeprefix("D").replace("CNSTNT", "CONST")
         if shape not in _SHAPES:
             raise self.error(f"expected BY {', BY '.join(_SHAPES)}, got {by}", by)
-        coefficients = tuple(numbers_of(self.path, self.lines.get(by), self._words(by), "a coefficient"))
+        coefficients = tuple(parse_numbers(self.path, self.lines.get(by), self._words(by), "a coefficient"))
         stations = tuple(self._words("DSN"))
         quasar, scid = self.items.pop("QUASAR", None), self.items.pop("SCID", None)
         start, stop = self._mjd_utc("FROM"), self._mjd_utc("TO") if "TO" in self.items else np.inf

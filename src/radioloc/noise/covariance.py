@@ -241,7 +241,7 @@ class ObservationCovariance:
         set_fields(self, white_m=np.sqrt(white_m2), sigma_m=np.sqrt(variance_m2))
 
     @classmethod
-    def of(cls, noise: ArrayLike | ObservationCovariance, n: int) -> ObservationCovariance:
+    def from_sigma(cls, noise: ArrayLike | ObservationCovariance, n: int) -> ObservationCovariance:
         """Covariance of n observations from standard deviations (n,) or (), m, or from a covariance."""
         if isinstance(noise, ObservationCovariance):
             if len(noise) != n:
@@ -336,7 +336,8 @@ class ObservationCovariance:
             min_variance_m2 = _MIN_INNOVATION_FRACTION * self.sigma_m[rows] ** 2
             white_m2 = self.white_m[rows] ** 2
             yield Filtered(
-                rows, KalmanFilter.of(local, sign[rows], white_m2, (decay, added), min_variance_m2)
+                rows,
+                KalmanFilter.from_processes(local, sign[rows], white_m2, (decay, added), min_variance_m2),
             )
 
 

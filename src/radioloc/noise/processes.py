@@ -61,7 +61,7 @@ class KalmanFilter:
     scale: Floats  # (n,), one over the standard deviation of the innovation; zero for rows that earlier ones determine
 
     @classmethod
-    def of(
+    def from_processes(
         cls,
         process: NDArray[np.intp],
         sign: Floats,

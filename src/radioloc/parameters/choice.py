@@ -37,7 +37,7 @@ class ParameterChoice:
     per: Scope | None = None  #: scope of the parameters; the kind's first by default
 
     @classmethod
-    def of(
+    def from_values(
         cls, kind: ParameterKind, names: Any = None, value: Any = None, sigma: Any = None, per: Any = None
     ) -> ParameterChoice:
         """Return the choice that values of a study file make; the message of an error begins with the key."""
@@ -282,7 +282,7 @@ def parameter_choices(
     for name, new_fields in fields.items():
         earlier = choices.get(name, ParameterChoice())
         names = {"names": earlier.names} if name in choices else {}
-        choice = ParameterChoice.of(PARAMETERS[name], **(names | new_fields))
+        choice = ParameterChoice.from_values(PARAMETERS[name], **(names | new_fields))
         choices[name] = replace(earlier, **{field: getattr(choice, field) for field in new_fields})
     return choices
 

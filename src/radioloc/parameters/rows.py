@@ -124,7 +124,7 @@ class ObservationRows:
     @cached_property
     def elapsed_s(self) -> Floats:
         """Time tag since the reference epoch, s."""
-        reference = middle_of(self.observations) if self._reference is None else self._reference
+        reference = middle_epoch(self.observations) if self._reference is None else self._reference
         return utc_to_tai(self.observations.epoch[self.rows]).seconds_since(reference)
 
     @cached_property
@@ -198,7 +198,7 @@ class ObservationRows:
         return positions_pa_m(self._motions)[self.target]
 
 
-def middle_of(observations: Observations) -> Epochs:
+def middle_epoch(observations: Observations) -> Epochs:
     """Return the epoch halfway between the first and the last observation, TAI, one."""
     ends = utc_to_tai(observations.span())
     return ends[:1].shifted(0.5 * ends[1:].seconds_since(ends[:1]))

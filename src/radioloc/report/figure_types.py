@@ -89,7 +89,7 @@ def plot(result: Result, name: str, ax: Axes | None = None) -> Figure:
     >>> radioloc.report.plot(solution, "distribution").axes[0].get_xlabel()
     'elevation (deg)'
     """
-    declared = {figure_type.stem: figure_type for figure_type in figures_of(result)}
+    declared = {figure_type.stem: figure_type for figure_type in available_figures(result)}
     if name not in declared:
         names = ", ".join(declared) or "none"
         raise InputError(f"figure of a {type(result).__name__}: expected one of {names}, got {name!r}")
@@ -99,7 +99,7 @@ def plot(result: Result, name: str, ax: Axes | None = None) -> Figure:
     raise NothingToDrawError(f"{name}: this {type(result).__name__} has nothing to draw")
 
 
-def figures_of(result: Result) -> list[FigureType]:
+def available_figures(result: Result) -> list[FigureType]:
     """Return the declared figures of the type of a result, in order."""
     return [FIGURES[name] for name in result_type(result).figures]
 

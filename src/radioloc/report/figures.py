@@ -107,7 +107,7 @@ def new_figure(width_in: float, height_in: float, title: str = "") -> Figure:
     figure = Figure(figsize=(width_in, height_in), layout="constrained")
     FigureCanvasAgg(figure)
     # Notebooks show a plain figure only once pyplot, with its state and its choice of a window system, is imported.
-    figure._repr_png_ = lambda: png_of(figure).getvalue()  # type: ignore[attr-defined]
+    figure._repr_png_ = lambda: to_png(figure).getvalue()  # type: ignore[attr-defined]
     if title:
         figure.suptitle(title, fontsize=11, fontweight="bold")
     return figure
@@ -171,7 +171,7 @@ def legend_below(axes: Axes, ax: Axes | None, columns: int) -> None:
 
 
 @draws_names_literally
-def png_of(figure: Figure, dpi: float | str = "figure") -> BytesIO:
+def to_png(figure: Figure, dpi: float | str = "figure") -> BytesIO:
     """Return a figure as a PNG image."""
     image = BytesIO()
     figure.savefig(image, format="png", dpi=dpi)

@@ -25,7 +25,7 @@ from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.registry import KINDS
 from radioloc.measurements.target_motion import FixedPoint
 from radioloc.progress import step
-from radioloc.report.figure_types import FIGURES, figures_of
+from radioloc.report.figure_types import FIGURES, available_figures
 from radioloc.report.figures import save_figure
 from radioloc.report.map_figures import plot_map
 from radioloc.report.page import PAGE, write_html
@@ -101,7 +101,7 @@ def write_report(
         for path, content in zip(written, contents.values(), strict=True):
             with step(f"writing {path.name}"):
                 write_content(path, content)
-        for figure_type in figures_of(result):
+        for figure_type in available_figures(result):
             if (figure := extra_figures.get(figure_type.name)) is not None:
                 written += write_figure(figure, folder, figure_type.stem)
             elif not figure_type.page_only:

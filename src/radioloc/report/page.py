@@ -14,8 +14,8 @@ from typing import Any
 from radioloc._version import __version__
 from radioloc.errors import InputError, visible
 from radioloc.lazy import optional
-from radioloc.report.figure_types import FigureType, figures_of
-from radioloc.report.figures import DPI, png_of
+from radioloc.report.figure_types import FigureType, available_figures
+from radioloc.report.figures import DPI, to_png
 from radioloc.results.cards import SECTIONS, Detail, Field, html_fields, style_sheet
 from radioloc.results.result import Result
 from radioloc.text_files import write_text
@@ -96,7 +96,7 @@ def _sections(result: Result, name: str, figures: Mapping[str, Path | BytesIO]) 
     for item in card.fields:
         if item.section:
             sections[item.section].fields.append(item)
-    for figure_type in figures_of(result):
+    for figure_type in available_figures(result):
         section = sections[figure_type.section]
         try:
             for png in _pngs(figure_type, result, figures):
@@ -116,7 +116,7 @@ def _pngs(
     """Yield the images of a figure: existing files, or else drawn ones."""
     pattern = re.compile(rf"{figure_type.stem}(_\d+)?")
     files = [png for stem, png in figures.items() if pattern.fullmatch(stem)]
-    yield from files or (png_of(figure, DPI) for _, figure in figure_type.drawn(result))
+    yield from files or (to_png(figure, DPI) for _, figure in figure_type.drawn(result))
 
 
 def _image(png: Path | BytesIO) -> dict[str, Any]:

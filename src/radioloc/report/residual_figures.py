@@ -32,12 +32,12 @@ from radioloc.report.residual_panels import (
     Dates,
     Limits,
     Panel,
-    envelope_of,
     half_heights_m,
     kind_word,
     link_panels,
-    residuals_of,
+    solution_residuals,
     station_panels,
+    value_envelope,
 )
 from radioloc.results.names import link_names
 from radioloc.results.solution import Solution
@@ -98,7 +98,9 @@ def plot_residuals(
     'APOLLO'
     """
     sizes_in = (8.0, 1.75), (0.0, 1.1)
-    return _grid(solution, title, ax, station_panels(residuals_of(solution)), 12, "stations", 1, sizes_in)
+    return _grid(
+        solution, title, ax, station_panels(solution_residuals(solution)), 12, "stations", 1, sizes_in
+    )
 
 
 @draws_names_literally
@@ -117,7 +119,9 @@ def plot_links(solution: Solution | Residuals, title: str | None = None, ax: Axe
     'range APOLLO'
     """
     sizes_in = (3.7, 1.9), (0.6, 0.9)
-    return _grid(solution, title, ax, link_panels(residuals_of(solution)), MAX_LINKS, "links", 3, sizes_in)
+    return _grid(
+        solution, title, ax, link_panels(solution_residuals(solution)), MAX_LINKS, "links", 3, sizes_in
+    )
 
 
 def _grid(
@@ -131,7 +135,7 @@ def _grid(
     sizes_in: tuple[Any, Any],
 ) -> Figure:
     """Draw panels over one axis of dates, with notes below."""
-    residuals = residuals_of(solution)
+    residuals = solution_residuals(solution)
     if title is None:
         name = f"{solution.name}: " if isinstance(solution, Solution) else ""
         title = f"{name}observed \N{MINUS SIGN} computed"
@@ -232,7 +236,7 @@ def _draw(
 
 def draw_envelope(axes: Axes, dates: Dates, values: Floats, limits: Limits, *, color: str, label: str) -> Any:
     """Draw the envelope of many points and return the handle for a legend."""
-    middle, lowest, highest, mean, deviation = envelope_of(dates, values, limits)
+    middle, lowest, highest, mean, deviation = value_envelope(dates, values, limits)
     # Bars are as wide as a bin, in points of 1/72 inch, and an image, so that vector files stay small.
     width = 72.0 * axes.get_window_extent().width / axes.figure.dpi / BINS
     style: dict[str, Any] = {"color": color, "linewidth": max(width, 0.5), "solid_capstyle": "butt"}
@@ -297,7 +301,7 @@ def plot_terms(terms: Mapping[str, Floats], observations: Observations, ax: Axes
     Examples
     --------
     >>> import radioloc
-    >>> arc = radioloc.jobs.arc_of(radioloc.read_study("examples/apollo15/apollo15.toml"))
+    >>> arc = radioloc.jobs.prepare_arc(radioloc.read_study("examples/apollo15/apollo15.toml"))
     >>> figure = radioloc.report.plot_terms(arc.terms(), arc.observations)
     >>> figure.axes[0].get_title(loc="left")
     'shapiro'
@@ -343,7 +347,7 @@ def plot_distribution(solution: Solution | Residuals, ax: Axes | None = None) ->
     """Draw residuals over their sigmas against elevation, and their histogram beside the normal distribution."""
     # The sigmas are those of the fit, additive variance components included: where they are right, the root mean square
     # is near 1 at all elevations, and the histogram follows the curve.
-    residuals = residuals_of(solution)
+    residuals = solution_residuals(solution)
     used, elevation_deg = residuals.used, residuals.elevation_deg
     if elevation_deg is None:
         raise NothingToDrawError("residuals: expected elevations; give elevation_deg to build_solution")

@@ -69,7 +69,7 @@ class Panel:
         return f"{text}, {statistics.rejected} rejected" if self.like and statistics.rejected else text
 
 
-def residuals_of(solution: Solution | Residuals) -> Residuals:
+def solution_residuals(solution: Solution | Residuals) -> Residuals:
     """Return the residuals of a solution; an :class:`InputError` if it has no observations."""
     residuals = solution.residuals if isinstance(solution, Solution) else solution
     if not len(residuals):
@@ -150,9 +150,9 @@ class Envelope(NamedTuple):
     deviation: Floats
 
 
-def envelope_of(dates: Dates, values: Floats, limits: Limits) -> Envelope:
+def value_envelope(dates: Dates, values: Floats, limits: Limits) -> Envelope:
     """Return the envelope of values over time."""
-    place = bin_of(dates, limits)
+    place = time_bins(dates, limits)
     count = np.bincount(place, minlength=BINS)
     filled = count > 0
     lowest, highest = np.full(BINS, np.inf), np.full(BINS, -np.inf)
@@ -165,7 +165,7 @@ def envelope_of(dates: Dates, values: Floats, limits: Limits) -> Envelope:
     return Envelope(middle, lowest[filled], highest[filled], mean, deviation)
 
 
-def bin_of(dates: Dates, limits: Limits) -> NDArray[np.intp]:
+def time_bins(dates: Dates, limits: Limits) -> NDArray[np.intp]:
     """Return the bin of time of each date, 0 to BINS - 1."""
     length_ms = max((limits[1] - limits[0]) / np.timedelta64(1, "ms"), 1.0)
     part = (dates - limits[0]) / np.timedelta64(1, "ms") / length_ms

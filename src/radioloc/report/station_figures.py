@@ -97,7 +97,7 @@ def plot_visibility(
         if not len(spans):
             note: dict[str, Any] = {"textcoords": "offset points", "va": "center", "fontsize": 7}
             lower.annotate("never", (dates[0], k), (3, 0), **note)
-    for mask_deg in sorted({masks.of(name) for name in names}):
+    for mask_deg in sorted({masks.for_station(name) for name in names}):
         upper.axhline(mask_deg, color="0.4", linewidth=0.9, linestyle="--")
         upper.annotate(
             f"mask {mask_deg:g}", (dates[0], mask_deg), (2, 2), textcoords="offset points", fontsize=7

@@ -59,10 +59,10 @@ def build_solution(
     # are further fields of Solution, among them position_pa_m, position_partials, rot_pa_to_me, pa_frame and me_frame.
     fit = edited.fit
     statuses = [fit.status if edited.complete else FitStatus.UNSETTLED, *(doubt.status for doubt in doubts)]
-    types, paths = Labels.of(type), Labels.of(path)
+    types, paths = Labels.from_texts(type), Labels.from_texts(path)
     residuals = Residuals(
         epoch_utc=epoch_utc,
-        stations=Labels.of(station),
+        stations=Labels.from_texts(station),
         types=types,
         paths=paths,
         observed_m=observed_m,
@@ -73,7 +73,7 @@ def build_solution(
         statuses=edited.status,
     )
     if order is None:
-        order = SeriesOrder.of(types, paths, seconds_since_midnight(epoch_utc))
+        order = SeriesOrder.from_labels(types, paths, seconds_since_midnight(epoch_utc))
     runs = outlier_runs(edited, order)
     residuals = replace(residuals, statuses=with_reasons(edited.status, run_reasons(edited, runs)))
     covariance, correlation = estimated_covariance(edited, order)
@@ -114,7 +114,7 @@ def build_solution(
     )
     if consistency:
         by_parameters = None if solution.trajectory is not None else solution.enu_by_parameters
-        hypotheses = Hypotheses.of(edited, order, correlation, considered, candidates, count_s, runs)
+        hypotheses = Hypotheses.from_fit(edited, order, correlation, considered, candidates, count_s, runs)
         rejected = tuple(rejected_runs(edited, order, runs, epoch_utc, count_s))
         is_axis = [[item.name == f"state.{axis}" for item in solution.parameters] for axis in "xyz"]
         by_state = np.array(is_axis, dtype=np.float64) if np.any(is_axis) else None

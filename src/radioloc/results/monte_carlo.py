@@ -18,7 +18,7 @@ from radioloc.results.names import parameter_name
 from radioloc.results.result import Content, Result, Table
 from radioloc.tables import TableForm, as_table
 from radioloc.targets.orbit_state import ALONG_ACROSS_RADIAL
-from radioloc.units import ASTROPY_UNITS, unit_of
+from radioloc.units import ASTROPY_UNITS, argument_unit
 from radioloc.vectors import Floats
 
 _MAX_PARAMETERS = 8  # tables on the card
@@ -267,7 +267,7 @@ class MonteCarlo(Result):
         units = {
             name: ASTROPY_UNITS.get(PARAMETERS[kind].unit, PARAMETERS[kind].unit)
             if kind in PARAMETERS
-            else unit_of(kind)
+            else argument_unit(kind)
             for name, kind in kinds.items()
         }
         return as_table(columns, form, units)

@@ -26,7 +26,7 @@ from radioloc.estimation.consider import (
 from radioloc.estimation.consistency import Consistency
 from radioloc.estimation.gauss_markov import SeriesWeight, TimeCorrelation
 from radioloc.estimation.observability import Observability
-from radioloc.estimation.shared_observations import sample_of
+from radioloc.estimation.shared_observations import residual_sample
 from radioloc.estimation.statistics import (
     FitStatistics,
     Residuals,
@@ -54,7 +54,7 @@ ORBIT_FILES = ("orbit.bsp", "orbit.oem", "orbit.opm")
 
 
 @singledispatch
-def card_of(result: object) -> Card:
+def build_card(result: object) -> Card:
     """Return the card of a solution, as registered by :mod:`radioloc.results.solution_card`."""
     raise TypeError(f"expected a Solution, got a {type(result).__name__}")
 
@@ -363,7 +363,7 @@ class Solution(Result):
             located = [self.of_target(target.name) for target in self.targets]
             content["targets"] = {item.name: item._position_dict() | item._error_rows() for item in located}
         content |= self._error_rows()
-        content["observations"] = sample_of(self.residuals)
+        content["observations"] = residual_sample(self.residuals)
         content["budget"] = [item.to_dict() for item in self.budget]
         return content | {
             "rejected": self.residuals.rejected(),
@@ -441,7 +441,7 @@ class Solution(Result):
 
     def card(self) -> Card:
         """Return the card of the solution."""
-        return card_of(self)
+        return build_card(self)
 
     @property
     def verdict(self) -> str:

@@ -39,7 +39,7 @@ from radioloc.results.cards import (
 )
 from radioloc.results.fit_card import findings, fit_fields, rejected_detail
 from radioloc.results.names import error_name, parameter_name, source_name, with_parameter_names
-from radioloc.results.solution import Level, Solution, card_of
+from radioloc.results.solution import Level, Solution, build_card
 from radioloc.results.tables import ellipse_text
 from radioloc.targets.orbit_state import OrbitState, ProcessEstimate
 from radioloc.time import utc_strings
@@ -73,7 +73,7 @@ _MEASURES = {
 _ESTIMATE_HEADING = ("parameter", "unit", "value", "sigma", "a priori")
 
 
-@card_of.register(Solution)
+@build_card.register(Solution)
 def solution_card(solution: Solution) -> Card:
     """Collect the fields of the card, in order."""
     sentences = (

@@ -112,7 +112,7 @@ class StateRow:
     converged: bool
 
     @classmethod
-    def of(cls, target: str, arc: Arc, longest: OrbitState) -> StateRow:
+    def from_arc(cls, target: str, arc: Arc, longest: OrbitState) -> StateRow:
         """Return the row of an arc."""
         state, total = arc.solution.states[target], arc.solution.fit.total
         is_determined = np.isfinite(state.parameter_covariance).all()
@@ -208,7 +208,7 @@ class ArcStudy(Result):
     def states(self) -> tuple[StateRow, ...]:
         """States of spacecraft from each arc, the longest first, with their differences from that of the longest."""
         return tuple(
-            StateRow.of(name, arc, state)
+            StateRow.from_arc(name, arc, state)
             for name, state in self.longest.states.items()
             for arc in self.arcs
             if name in arc.solution.states
@@ -346,11 +346,11 @@ class ArcStudy(Result):
 def horizontal_sigmas(part: Solution, longest: Solution) -> float | None:
     """Return the horizontal difference of two solutions in its standard deviations, None if they are not defined."""
     # Mahalanobis distance in two dimensions: below 2.45 in 95 % and below 3.72 in 99.9 % of cases.
-    chi2 = agreement_of(part, longest, horizontal=True).chi2
+    chi2 = compare_with_complete(part, longest, horizontal=True).chi2
     return None if chi2 is None else math.sqrt(chi2)
 
 
-def agreement_of(part: Solution, complete: Solution, *, horizontal: bool = False) -> Agreement:
+def compare_with_complete(part: Solution, complete: Solution, *, horizontal: bool = False) -> Agreement:
     """Compare a solution from a part of the data with that from all, as :func:`~.combination.agreement` does."""
     estimates = [PositionEstimate.from_solution(solution.to_dict()) for solution in (part, complete)]
     pair = (replace(estimate, study="", hours=float(k)) for k, estimate in enumerate(estimates))
@@ -473,7 +473,9 @@ class Omission:
     sigmas: float | None = None
 
     @classmethod
-    def of(cls, kind: str, name: str, omitted: int, part: Solution, complete: Solution) -> Iterator[Omission]:
+    def from_solutions(
+        cls, kind: str, name: str, omitted: int, part: Solution, complete: Solution
+    ) -> Iterator[Omission]:
         """Yield the places and states of a solution without some observations, compared with those with all."""
         row = cls(kind, name, omitted, part.fit.total.used, part.converged)
         for target in _place_names(complete):
@@ -485,7 +487,7 @@ class Omission:
     def _with_place(self, part: Solution, complete: Solution) -> Omission:
         if not (part.position_determined and complete.position_determined):
             return self
-        shift = agreement_of(part, complete)
+        shift = compare_with_complete(part, complete)
         return replace(
             self,
             radius_95_m=finite_or_none(radius_95_m(part.position_covariance()[:2, :2])),

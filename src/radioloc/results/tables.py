@@ -270,7 +270,7 @@ def csv_table(rows: Sequence[PositionRow], more: Sequence[Mapping[str, Any]] = (
     return stream.getvalue()
 
 
-def content_of(result: SolutionLike) -> Mapping[str, Any]:
+def solution_content(result: SolutionLike) -> Mapping[str, Any]:
     """Return the content of the ``solution.json`` of a solution; a mapping is checked."""
     if not isinstance(result, Mapping):
         return result.to_dict()
@@ -289,7 +289,7 @@ def contents_by_target(results: Iterable[SolutionLike]) -> list[Mapping[str, Any
     ['apollo15']
     """
     contents: list[Mapping[str, Any]] = []
-    for content in map(content_of, results):
+    for content in map(solution_content, results):
         references = {key: content[key] for key in ("reference", "references") if key in content}
         for name, target in (content.get("targets") or {}).items():
             named = {"name": f"{content['name']}, {name}", "targets": {}}

@@ -25,7 +25,7 @@ from radioloc.measurements.observations import Observations
 from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.registry import is_integrated
 from radioloc.measurements.target_motion import OrbitMotion
-from radioloc.targets.design import orbit_of
+from radioloc.targets.design import first_a_priori_orbit
 from radioloc.targets.orbit_state import RTN
 from radioloc.time import Epochs, tt_to_tdb, utc_strings, utc_to_tt
 from radioloc.vectors import Floats, rtn_axes
@@ -154,7 +154,7 @@ class _Search:
     @property
     def orbit(self) -> AdjustableOrbit:
         """Orbit without the manoeuvre."""
-        orbit = orbit_of(self.part)
+        orbit = first_a_priori_orbit(self.part)
         assert orbit is not None
         return orbit
 

@@ -15,7 +15,7 @@ from radioloc.dynamics import Impulse
 from radioloc.jobs.independent_clocks import with_independent_clocks
 from radioloc.jobs.one_thread import on_one_blas_thread
 from radioloc.jobs.orbit_start import StagedStart
-from radioloc.jobs.preparation import chosen_observations, model_of, prepared_arc
+from radioloc.jobs.preparation import build_model, chosen_observations, prepared_arc
 from radioloc.jobs.problem import EstimationProblem
 from radioloc.jobs.study_targets import targets_in_pa
 from radioloc.jobs.usability import usability
@@ -157,7 +157,7 @@ def _with_first_orbit(
     target = original.target
     if not isinstance(target, Orbiter) or target.rough is None:
         return result
-    model = model_of(original)
+    model = build_model(original)
     chosen, _ = chosen_observations(result.study, observations, model)
     orbits = first_orbits(target, model, chosen)
     state = orbits[0].state
@@ -212,8 +212,8 @@ def _with_manoeuvres(result: SearchResult, observations: Observations | None) ->
     orbiter = study.orbiter
     assert orbiter is not None
     arc, _ = prepared_arc(study, observations)
-    problem = EstimationProblem.of(study, arc, study.estimate)
-    start = StagedStart.of(problem.model, problem.noise.sigma_m)
+    problem = EstimationProblem.from_study(study, arc, study.estimate)
+    start = StagedStart.from_model(problem.model, problem.noise.sigma_m)
     if start is None:
         return result
     manoeuvres = find_manoeuvres(start, usability(start.arc)[0].are(USED))

@@ -155,7 +155,7 @@ class NoiseModel:
         link, start, end = np.full(n, ALONE), np.zeros(n, dtype=np.intp), np.ones(n, dtype=np.intp)
         processes: list[Process] = []
         entries: list[tuple[NDArray[np.intp], int, float]] = []
-        for number, series in enumerate(NoiseDraws.of(self, plan).series):
+        for number, series in enumerate(NoiseDraws.from_plan(self, plan).series):
             _, rows, slot = series.uses[0]
             begin_s = float(time_s[rows[0]] - series.step_s * slot[0])
             noise = series.noise
@@ -191,7 +191,7 @@ class NoiseModel:
 
     def draw(self, plan: Plan, seed: int) -> tuple[Floats, NDArray[np.bool_]]:
         """Return a realization for the plan, m, and the observations with outliers, both (n,)."""
-        noise_m, is_outlier = NoiseDraws.of(self, plan).draw([seed])
+        noise_m, is_outlier = NoiseDraws.from_plan(self, plan).draw([seed])
         return noise_m[0], is_outlier[0]
 
 
@@ -203,7 +203,7 @@ class NoiseDraws:
     series: tuple[_Series, ...]  # in the order of their sum
 
     @classmethod
-    def of(cls, model: NoiseModel, plan: Plan) -> NoiseDraws:
+    def from_plan(cls, model: NoiseModel, plan: Plan) -> NoiseDraws:
         """Assign series of errors to the observations of a plan."""
         observations = plan.observations
         station_noise = {"vlbi_delay": model.vlbi_station, "vlbi_delay_rate": model.vlbi_station_rate}

@@ -33,7 +33,7 @@ from radioloc.simulation.truth import (
     drawn_errors,
     fixed_errors,
 )
-from radioloc.simulation.visibility import direction_of
+from radioloc.simulation.visibility import tracked_target
 from radioloc.targets.design import effects_on_orbit
 from radioloc.targets.registry import TargetDescription
 from radioloc.time import Epochs, tai_to_utc, utc_strings, utc_to_tai
@@ -217,7 +217,7 @@ class Scenario:
         The errors that a fit considers, `considered`, are drawn unless the scenario states some of their kind.
         """
         targets = tuple(self._target(name, record, model) for name, record in self.targets.items())
-        antenna_targets = {item.name: direction_of(item.motion) for item in targets}
+        antenna_targets = {item.name: tracked_target(item.motion) for item in targets}
         plan = self.schedule.plan(model, antenna_targets)
         kinds = (*self.truth.values, *self.truth_sigma.sigmas)
         drawing = considered if self.truth_sigma.considered else None

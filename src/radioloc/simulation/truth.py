@@ -292,7 +292,7 @@ def _design(
             kinds.append(chosen)
     # Rates contribute nothing at the epoch of the offsets.
     epoch = utc_to_tai(epochs_from_strings([epoch_utc], "UTC"))
-    model = replace(ObservationModel.of(predictor, points, kinds), reference=epoch)
+    model = replace(ObservationModel.from_targets(predictor, points, kinds), reference=epoch)
     x = model.parameters.prior_values
     return DesignMatrix(model, at, model.motions(x), x, predictor.observations.value_m)
 
@@ -311,7 +311,7 @@ def _choices(values: Mapping[str, Any], *, sigma: bool = False) -> dict[str, Par
             raise InputError(f"{kind.keys['per']} needs {key}, the error that it divides")
         if key not in values:
             continue
-        choices[kind.name] = ParameterChoice.of(kind, "none", value=values[key], per=per)
+        choices[kind.name] = ParameterChoice.from_values(kind, "none", value=values[key], per=per)
         largest, reason = _MAX_ERRORS.get(kind.name, (np.inf, ""))
         for value in _numbers(choices[kind.name].value):
             if sigma and value < 0.0:

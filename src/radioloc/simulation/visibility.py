@@ -68,7 +68,7 @@ class Masks:
             if not -90.0 <= mask_deg <= 90.0:
                 raise InputError(f"elevation mask: expected -90 to 90 deg, got {mask_deg!r}")
 
-    def of(self, station: str) -> float:
+    def for_station(self, station: str) -> float:
         """Return the mask of a station, deg."""
         return self.by_station_deg.get(station, self.station_deg)
 
@@ -85,7 +85,7 @@ class Elevations:
 
     def margin_rad(self, masks: Masks) -> Floats:
         """Return the smaller margin of both elevations above their masks, shape (n, k); negative if not visible."""
-        station_rad = np.radians([masks.of(name) for name in self.stations])
+        station_rad = np.radians([masks.for_station(name) for name in self.stations])
         return np.minimum(
             self.at_station_rad - station_rad, self.at_target_rad - np.radians(masks.target_deg)
         )
@@ -128,7 +128,7 @@ def elevations(
     >>> angles.at_station_rad.round(3).tolist()
     [[1.087]]
     """
-    return StationFrames.of(model, stations, tt).elevations(target_pa_m)
+    return StationFrames.at_epochs(model, stations, tt).elevations(target_pa_m)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -144,7 +144,7 @@ class StationFrames:
     rot_icrf_to_pa: Floats  # one light time earlier, (n, 3, 3)
 
     @classmethod
-    def of(cls, model: PhysicalModel, stations: Sequence[str], tt: Epochs) -> StationFrames:
+    def at_epochs(cls, model: PhysicalModel, stations: Sequence[str], tt: Epochs) -> StationFrames:
         """Compute the frames at epochs at the stations, TT."""
         rot_itrf_to_gcrs = model.earth.evaluate(tt).rot_itrf_to_gcrs
         entries, tdb = [model.catalogue.get(name) for name in stations], tt_to_tdb(tt)
@@ -196,7 +196,7 @@ class StationFrames:
         return target_gcrs_m, from_moon_m, np.arccos(np.minimum(ratio, 1.0))
 
 
-def direction_of(motion: TargetMotion) -> Target:
+def tracked_target(motion: TargetMotion) -> Target:
     """Return the tracked target: the position of a point on the Moon, or a trajectory."""
     return motion.position_pa_m if motion.trajectory is None else motion.trajectory
 
@@ -254,7 +254,7 @@ class Sight:
     def _frames_at(self, rows: NDArray[np.intp]) -> Iterator[StationFrames]:
         """Yield the frames at some epochs in blocks."""
         for part in np.split(rows, range(_BLOCK_EPOCHS, len(rows), _BLOCK_EPOCHS)):
-            yield StationFrames.of(self._model, self._stations, self._tt[part])
+            yield StationFrames.at_epochs(self._model, self._stations, self._tt[part])
 
 
 @dataclass(frozen=True, slots=True)

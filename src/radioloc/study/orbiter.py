@@ -240,7 +240,7 @@ class Orbiter:
         self, orbit: AdjustableOrbit, count: int | None = None, seed: Generator | int = 0
     ) -> AdjustableOrbit | None:
         """Return the orbit with drawn errors of gravity, by default the considered ones; None without any."""
-        return GravityErrors(self.gravity_errors, self.gravity_error_degree).of(orbit, count, seed)
+        return GravityErrors(self.gravity_errors, self.gravity_error_degree).draw(orbit, count, seed)
 
     def record(self) -> dict[str, Any]:
         """Return state and forces, in types that JSON has."""

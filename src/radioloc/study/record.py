@@ -40,7 +40,7 @@ def versions() -> Mapping[str, str]:
     }
 
 
-def settings_of(study: Study) -> dict[str, Any]:
+def study_settings(study: Study) -> dict[str, Any]:
     """Return the settings that determine the results of a study, by field; files as name and SHA-256."""
     names = [f.name for f in fields(study) if f.name not in _WITHOUT_EFFECT]
     return {name: plain(getattr(study, name)) for name in names} | {"stations": plain(list(study.catalogue))}
@@ -49,7 +49,7 @@ def settings_of(study: Study) -> dict[str, Any]:
 def study_origin(study: Study) -> dict[str, Any]:
     """Return the file of a study, its input files, and the SHA-256 of each table of settings."""
     assert study.path is not None
-    settings = settings_of(study)
+    settings = study_settings(study)
     return {
         "file": str(study.path.resolve()),
         "sha256": sha256_of(study.path),

@@ -56,7 +56,7 @@ def check(record: Any) -> None:
 
 def _normalized(name: str, value: Any, rules: Mapping[str, Any]) -> Any:
     if rules.get("names"):
-        value = names_of(name, value)
+        value = as_names(name, value)
         if not value:
             raise InputError(f"{name} is empty; leave it out to take all")
     if rules.get("both") and isinstance(value, Real):
@@ -92,7 +92,7 @@ def _items(key: str, value: Any) -> Iterator[tuple[str, Any]]:
         yield key, value
 
 
-def names_of(key: str, value: str | Iterable[Any]) -> tuple[str, ...]:
+def as_names(key: str, value: str | Iterable[Any]) -> tuple[str, ...]:
     """Return one name or several as a tuple."""
     names = (value,) if isinstance(value, str) else tuple(value)
     for name in names:

@@ -40,7 +40,7 @@ from radioloc.study.map_positions import position_priors
 from radioloc.study.observation_choice import ObservationChoice
 from radioloc.study.orbit_choice import OrbitChoice
 from radioloc.study.orbiter import Orbiter
-from radioloc.study.schema import TomlTable, check, entry, names_of
+from radioloc.study.schema import TomlTable, as_names, check, entry
 from radioloc.targets.position_prior import PositionPrior
 from radioloc.targets.registry import TargetDescription
 from radioloc.time import Epochs
@@ -211,8 +211,8 @@ class ModelChoice:
 
     def __post_init__(self) -> None:
         check(self)
-        set_fields(self, free_clocks=names_of("free_clocks", self.free_clocks))
-        set_fields(self, off=names_of("off", self.off))
+        set_fields(self, free_clocks=as_names("free_clocks", self.free_clocks))
+        set_fields(self, off=as_names("off", self.off))
         with error_context("off:"):
             active_terms(self.off)  # refuses unknown names
         if self.ionex and self.tec_tecu is not None:

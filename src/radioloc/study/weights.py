@@ -88,12 +88,12 @@ def weighted_observations(
 
 def rows_by_station(observations: Observations, catalogue: StationCatalogue) -> dict[str, NDArray[np.bool_]]:
     """Return masks of the observations of each station, by its name."""
-    ends = ends_of(observations.links, catalogue)
+    ends = link_stations(observations.links, catalogue)
     names = sorted(set().union(*(ends[k] for k in np.unique(observations.link))))
     return {name: np.array([name in of for of in ends])[observations.link] for name in names}
 
 
-def ends_of(links: Iterable[Link], catalogue: StationCatalogue) -> list[set[str]]:
+def link_stations(links: Iterable[Link], catalogue: StationCatalogue) -> list[set[str]]:
     """Return the stations of each link by their names in the catalogue, or as they are if it lacks them."""
     return [
         {catalogue.get(name).name if name in catalogue else name for name in link.stations} for link in links
@@ -104,7 +104,7 @@ def require_stations(
     observations: Observations, key: str, names: Iterable[str], catalogue: StationCatalogue
 ) -> None:
     """Require that each station with a noise is in the catalogue and in an observation."""
-    present = set().union(*ends_of(_links(observations), catalogue))
+    present = set().union(*link_stations(_links(observations), catalogue))
     for name in names:
         with error_context(f"[observations] {key}:"):
             station = catalogue.get(name).name
@@ -120,7 +120,7 @@ def _rows(observations: Observations, weight: Weight, catalogue: StationCatalogu
         rows &= np.isin(observations.kind, [KINDS.index(kind) for kind in weight.type])
     if weight.stations is not None:
         stations = {station.name for name in weight.stations for station in catalogue.members(name)}
-        of_link = [bool(names & stations) for names in ends_of(observations.links, catalogue)]
+        of_link = [bool(names & stations) for names in link_stations(observations.links, catalogue)]
         rows &= np.array(of_link)[observations.link]
     if weight.files is not None:
         matches = [any(PurePath(file).match(glob) for glob in weight.files) for file in observations.files]

@@ -108,7 +108,7 @@ class Descent(OnOrbit):
         moved, disturbed = to_epoch @ moved_at_touchdown, None
         if errors is not None and moved.size:
             moved[:6] -= errors.effects(self.epoch)[0]
-            disturbed = self.errors.of(flight)
+            disturbed = self.errors.draw(flight)
         return OrbitState(
             flight, to_epoch @ independent @ to_epoch.T + moved @ moved.T, moved, disturbed, self.body
         )

@@ -17,7 +17,7 @@ from radioloc.measurements.predictor import ROWS_AT_ONCE, Prediction, Predictor
 from radioloc.measurements.target_motion import Motions, OrbitMotion, TargetMotion, TrajectoryMotion
 from radioloc.parameters.columns import Columns
 from radioloc.parameters.parameter import Parameter, ParameterSet, Role
-from radioloc.parameters.rows import ObservationRows, middle_of
+from radioloc.parameters.rows import ObservationRows, middle_epoch
 from radioloc.targets.target import Target
 from radioloc.time import Epochs
 from radioloc.vectors import Floats
@@ -43,7 +43,7 @@ class ObservationModel:
     partials_cache: list[PartialsByLink] = field(default_factory=list, compare=False, repr=False)
 
     @classmethod
-    def of(
+    def from_targets(
         cls,
         predictor: Predictor,
         targets: Sequence[Target],
@@ -57,7 +57,7 @@ class ObservationModel:
             ParameterSet(parameters),
             tuple(targets),
             tuple(columns for columns, _ in kinds),
-            middle_of(predictor.observations) if len(predictor.observations) else None,
+            middle_epoch(predictor.observations) if len(predictor.observations) else None,
         )
 
     @property
@@ -237,7 +237,7 @@ class DesignMatrix:
                 return self._simple(rows, self.prediction, model.predictor, first=0, kinds=kinds)
 
             model.partials_cache.append(
-                PartialsByLink.of(considered_partials, model.predictor.observations.link)
+                PartialsByLink.from_function(considered_partials, model.predictor.observations.link)
             )
         return model.partials_cache[0]
 
@@ -275,7 +275,7 @@ class PartialsByLink:
     values: tuple[NDArray[np.float32], ...]  # of each block (k, m)
 
     @classmethod
-    def of(cls, partials: Callable[[Rows], Floats], link: NDArray[np.int32]) -> PartialsByLink:
+    def from_function(cls, partials: Callable[[Rows], Floats], link: NDArray[np.int32]) -> PartialsByLink:
         """Compute partials, from rows (m,) to (m, c), of observations (n,) by their links."""
         order = np.argsort(link, kind="stable")
         place = np.empty_like(order)
@@ -333,12 +333,12 @@ def effects_on_orbit(predictor: Predictor, orbit: AdjustableOrbit, target: int) 
     return by_motion[:, 3 * target : by_motion.shape[1] - 3 * (len(motions) - target - 1)]
 
 
-def orbits_of(predictor: Predictor) -> list[AdjustableOrbit]:
+def a_priori_orbits(predictor: Predictor) -> list[AdjustableOrbit]:
     """Return the a-priori orbits that a predictor was prepared with."""
     adjustable = [motion.adjustable for motion in predictor.motions]
     return [orbit for orbit in adjustable if isinstance(orbit, AdjustableOrbit)]
 
 
-def orbit_of(predictor: Predictor) -> AdjustableOrbit | None:
+def first_a_priori_orbit(predictor: Predictor) -> AdjustableOrbit | None:
     """Return the first a-priori orbit that a predictor was prepared with; None without any."""
-    return next(iter(orbits_of(predictor)), None)
+    return next(iter(a_priori_orbits(predictor)), None)

@@ -38,7 +38,9 @@ class GravityErrors:
     count: int
     degree: int
 
-    def of(self, orbit: AdjustableOrbit, count: int | None = None, seed: Seed = 0) -> AdjustableOrbit | None:
+    def draw(
+        self, orbit: AdjustableOrbit, count: int | None = None, seed: Seed = 0
+    ) -> AdjustableOrbit | None:
         """Return the orbit with such errors, or so many others; None without any."""
         field, count = orbit.forces.gravity, self.count if count is None else count
         if not count or field.degree < 2:
@@ -94,7 +96,7 @@ class OnOrbit:
 
     def gravity_errors(self, x: Floats) -> AdjustableOrbit | None:
         """Return the orbit at x with the errors of its gravity field that are considered; None without any."""
-        return self.errors.of(self.orbit_at(x))
+        return self.errors.draw(self.orbit_at(x))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -20,8 +20,8 @@ NOISE_M = (1.0, 30.0, 5.0, 1.0)
 PER_PASS = 100
 PASS = np.repeat(np.arange(4), PER_PASS)
 TIME_S = 10.0 * (np.arange(4 * PER_PASS) % (2 * PER_PASS)) + 40000.0 * (PASS % 2)
-PATHS = Labels.of([("A>x>A", "B>x>B")[k // 2] for k in PASS])
-ORDER = SeriesOrder.of(Labels.of(["doppler"] * len(PASS)), PATHS, TIME_S)
+PATHS = Labels.from_texts([("A>x>A", "B>x>B")[k // 2] for k in PASS])
+ORDER = SeriesOrder.from_labels(Labels.from_texts(["doppler"] * len(PASS)), PATHS, TIME_S)
 PASSES = by_link(ORDER, 14400.0)
 
 
@@ -45,7 +45,7 @@ def test_groups_are_links_and_their_passes():
 
 def test_passes_of_few_observations_are_those_of_their_type():
     selected = np.flatnonzero((PASS != 1) | (np.arange(len(PASS)) % 20 == 0))
-    reduced = SeriesOrder.of(ORDER.types.select(selected), PATHS.select(selected), TIME_S[selected])
+    reduced = SeriesOrder.from_labels(ORDER.types.select(selected), PATHS.select(selected), TIME_S[selected])
     assert set(by_link(reduced, 14400.0).present()) == {"doppler", *PASSES.present()} - {"doppler of A>x>A 2"}
 
 

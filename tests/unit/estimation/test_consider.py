@@ -6,7 +6,13 @@ import numpy as np
 import pytest
 
 from radioloc.errors import InputError
-from radioloc.estimation.consider import ConsideredErrors, few_errors, prior_effects, reported, sensitivity_of
+from radioloc.estimation.consider import (
+    ConsideredErrors,
+    consider_sensitivity,
+    few_errors,
+    prior_effects,
+    reported,
+)
 from radioloc.estimation.least_squares import fit_least_squares
 from radioloc.parameters.parameter import Parameter, ParameterSet, Role
 
@@ -112,7 +118,7 @@ def test_few_errors_stand_for_many():
     complete = adjusted(np.zeros(60), unit, effects).covariance[:2, :2]
     short = adjusted(np.zeros(60), unit[:1], reduced).covariance[:2, :2]
     np.testing.assert_allclose(short, complete, rtol=1e-3)
-    moved = sensitivity_of(fitted(np.zeros(60)), lambda rows: reduced[rows], 1)
+    moved = consider_sensitivity(fitted(np.zeros(60)), lambda rows: reduced[rows], 1)
     assert np.linalg.norm(moved) > 0.0
 
 

@@ -9,7 +9,7 @@ from delay_network import DelayNetwork
 from radioloc.estimation import Labels, Parameter, ParameterSet, observability
 from radioloc.estimation.editing import fit_with_editing
 from radioloc.estimation.gauss_markov import SeriesNoise
-from radioloc.estimation.linearization import DenseLinearization, covariance_of, factorize, refreshed
+from radioloc.estimation.linearization import DenseLinearization, covariance_matrix, factorize, refreshed
 from radioloc.estimation.series import CorrelatedWhitener, SeriesOrder, independent_series
 from radioloc.estimation.time_correlation import assess_time_correlation, fit_with_correlated_weights
 from radioloc.simulation.noise import gauss_markov
@@ -19,11 +19,13 @@ ROUNDING = 1e-8
 
 
 def assessed(fit, types, paths, time_s):
-    return assess_time_correlation(fit, SeriesOrder.of(types, paths, time_s))
+    return assess_time_correlation(fit, SeriesOrder.from_labels(types, paths, time_s))
 
 
 def weighed(residual_function, edited, types, paths, time_s):
-    return fit_with_correlated_weights(residual_function, edited, SeriesOrder.of(types, paths, time_s))
+    return fit_with_correlated_weights(
+        residual_function, edited, SeriesOrder.from_labels(types, paths, time_s)
+    )
 
 
 def labels(n, text):
@@ -140,14 +142,14 @@ def test_filter_continues_over_parts_with_other_columns(monkeypatch):
     design = np.hstack([case.design[:, :2], passes])
     parameters = ParameterSet([Parameter(f"p{k}", "m", "p", 0.0, 10.0) for k in range(6)])
     edited = fit_with_editing(lambda x: (case.observed, design), parameters, case.sigma)
-    order = SeriesOrder.of(case.types, labels(2 * N, "A"), case.time_s)
+    order = SeriesOrder.from_labels(case.types, labels(2 * N, "A"), case.time_s)
     series = independent_series(order, edited.fit.noise, edited.fit.used)
     noise = {item.key: SeriesNoise(1.0, np.array([TAU_S]), np.ones(1)) for item in series.series[:1]}
-    whitening = CorrelatedWhitener.of(series, noise)
+    whitening = CorrelatedWhitener.from_noise(series, noise)
     items = DenseLinearization(case.observed, design), ByPass(design, case.observed)
     dense, sparse = (factorize(item, whitening, parameters, np.zeros(6)) for item in items)
     np.testing.assert_allclose(
-        covariance_of(sparse, parameters), covariance_of(dense, parameters), rtol=0.0, atol=1e-12
+        covariance_matrix(sparse, parameters), covariance_matrix(dense, parameters), rtol=0.0, atol=1e-12
     )
     renewed = refreshed(sparse, items[1], whitening, parameters, np.zeros(6))
     np.testing.assert_allclose(renewed.step(0.0), dense.step(0.0), rtol=0.0, atol=1e-9)
@@ -221,7 +223,7 @@ def network(epochs=400, seed=3):
 def test_observations_that_share_errors_are_weighed_together():
     case, observed, time_s = network()
     n = len(observed)
-    paths = Labels.of([f"{a}<x>{b}" for a, b in zip(case.first, case.second, strict=True)])
+    paths = Labels.from_texts([f"{a}<x>{b}" for a, b in zip(case.first, case.second, strict=True)])
     edited = fit_with_editing(case.residual_function(observed), case.parameters(), case.noise)
     result = weighed(case.residual_function(observed), edited, labels(n, "delay"), paths, time_s)
     (weight,) = result.series_weights
@@ -246,7 +248,7 @@ def test_observations_that_share_errors_are_weighed_together():
     assert np.linalg.eigvalsh(true - best).min() > -ROUNDING  # Aitken
     assert (np.diag(true) < 1.1**2 * np.diag(best)).all()
     # What it says of itself is the sandwich with the noise that was found, dense.
-    order = SeriesOrder.of(labels(n, "delay"), paths, time_s)
+    order = SeriesOrder.from_labels(labels(n, "delay"), paths, time_s)
     series = independent_series(order, fit.noise, fit.used)
     [blocks] = series.whitener.structures
     rows, whitening = blocks.rows, blocks.roots[blocks.which]

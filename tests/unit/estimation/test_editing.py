@@ -189,7 +189,9 @@ def test_successive_outliers_of_a_series_are_a_run():
     observed_m[of_b[45:49]] += [20.0, -20.0, 20.0, -20.0]
     observed_m[[3, 60]] -= 15.0
     edited = fit_with_editing(model.residual_function(observed_m), model.parameters(), 0.3)
-    order = SeriesOrder.of(Labels.of(["range"] * 210), Labels.of(model.station), model.time_s)
+    order = SeriesOrder.from_labels(
+        Labels.from_texts(["range"] * 210), Labels.from_texts(model.station), model.time_s
+    )
     [run] = editing.outlier_runs(edited, order)
     assert run.tolist() == of_b[30:38].tolist()
     reasons = editing.run_reasons(edited, [run])

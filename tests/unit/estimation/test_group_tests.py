@@ -31,7 +31,7 @@ def problem(seed, noise):
         return residual_m - matrix @ at, matrix
 
     paths = Labels(np.tile(np.arange(3, dtype=np.int32), N), PATHS)
-    order = SeriesOrder.of(
+    order = SeriesOrder.from_labels(
         Labels(np.zeros(n, dtype=np.int32), ("vlbi_delay",)), paths, np.repeat(60.0 * np.arange(N), 3)
     )
     fit = fit_least_squares(linear, parameters, noise)
@@ -39,7 +39,7 @@ def problem(seed, noise):
     def white(points):
         return {item.key: SeriesNoise(1.0, np.ones(1), np.zeros(1)) for item in points.series}
 
-    return linear, order, fit, BinnedProblem.of(fit, order, white)
+    return linear, order, fit, BinnedProblem.from_fit(fit, order, white)
 
 
 def shared():
@@ -51,7 +51,7 @@ def shared():
 
 
 def test_without_a_group():
-    linear, order, fit, binned = problem(1, ObservationCovariance.of(0.9, 3 * N))
+    linear, order, fit, binned = problem(1, ObservationCovariance.from_sigma(0.9, 3 * N))
     for code in range(3):
         verdict = binned.test(binned.removal({code: 1.0}))
         reference = fit_least_squares(linear, fit.parameters, fit.noise, used=order.code != code)
@@ -64,7 +64,7 @@ def test_without_a_group():
 
 
 def test_a_group_is_removed_by_no_more_columns_than_points():
-    linear, order, fit, binned = problem(1, ObservationCovariance.of(0.9, 3 * N))
+    linear, order, fit, binned = problem(1, ObservationCovariance.from_sigma(0.9, 3 * N))
     columns = binned.removal({1: 1.0}, (0.0, 60.0))
     assert columns.shape[1] == columns.any(axis=1).sum() == 2
     reference = fit_least_squares(
@@ -74,7 +74,9 @@ def test_a_group_is_removed_by_no_more_columns_than_points():
     np.testing.assert_allclose(shift, reference.x - fit.x, atol=STOPPED)
 
 
-@pytest.mark.parametrize("noise", [ObservationCovariance.of(0.9, 3 * N), shared()], ids=["alone", "shared"])
+@pytest.mark.parametrize(
+    "noise", [ObservationCovariance.from_sigma(0.9, 3 * N), shared()], ids=["alone", "shared"]
+)
 def test_added_columns(noise):
     """A step of a station, with its sign in two baselines, is what a fit with the step estimates."""
     linear, order, fit, binned = problem(2, noise)
@@ -102,14 +104,14 @@ def test_added_columns(noise):
 
 
 def test_a_column_that_the_parameters_hold_already():
-    *_, fit, binned = problem(3, ObservationCovariance.of(1.0, 3 * N))
+    *_, fit, binned = problem(3, ObservationCovariance.from_sigma(1.0, 3 * N))
     clock = np.linalg.inv(fit.factor.root_covariance())[:, 3:]  # it has no a-priori sigma
     held = np.concatenate([binned.points.unit @ clock, np.zeros((2, 1))])
     assert binned.test(held) is None
 
 
 def test_a_step_that_the_parameters_hold_already():
-    *_, binned = problem(3, ObservationCovariance.of(1.0, 3 * N))
+    *_, binned = problem(3, ObservationCovariance.from_sigma(1.0, 3 * N))
     step = binned.columns({1: 1.0}, (600.0, np.inf))
     with_step = binned.with_columns(step)
     chi2 = with_step.chi2_of_steps({1: 1.0}, np.array([600.0, 660.0]))
@@ -119,7 +121,7 @@ def test_a_step_that_the_parameters_hold_already():
 
 def test_estimate_does_not_depend_on_the_size_of_a_column():
     """A scale factor of 1e8 m beside noise of as much, as of halved ranges, is a small column after whitening."""
-    *_, binned = problem(3, ObservationCovariance.of(1.0, 3 * N))
+    *_, binned = problem(3, ObservationCovariance.from_sigma(1.0, 3 * N))
     step = binned.columns({1: 1.0}, (600.0, np.inf))
     estimate, small = (binned.with_parameters(size * step).estimate[-1] for size in (1.0, 1e-9))
     assert small == pytest.approx(1e9 * estimate, rel=1e-6)
@@ -130,7 +132,7 @@ def test_chance_is_uniform():
     """Chi-square of 200 problems without misfit: the mean of -log of the chance is one, to 3 / sqrt(200)."""
     logs = []
     for seed in range(200):
-        *_, binned = problem(seed, ObservationCovariance.of(1.0, 3 * N))
+        *_, binned = problem(seed, ObservationCovariance.from_sigma(1.0, 3 * N))
         verdict = binned.test(binned.removal({1: 1.0}))
         logs.append(verdict.log_chance)
     assert -np.mean(logs) == pytest.approx(1.0, abs=0.22)

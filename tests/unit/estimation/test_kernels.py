@@ -50,7 +50,9 @@ def test_restricted_likelihoods_are_those_of_dense_algebra(case):
     """Two series with parameters in common: each by itself, and both together with the variances of each."""
     step_s, gain, columns = case
     data, ends = two_series(step_s, gain, columns), [slice(0, 90), slice(90, 150)]
-    log, white, joint_log = RestrictedLikelihood.of(data, np.arange(2), SIGMAS).evaluate(TAU_S, RATIO)
+    log, white, joint_log = RestrictedLikelihood.from_points(data, np.arange(2), SIGMAS).evaluate(
+        TAU_S, RATIO
+    )
     effects = data.unit * SIGMAS
 
     def each(k, tau_s, ratio):
@@ -114,7 +116,9 @@ def test_restricted_likelihood_of_bins_is_that_of_their_observations(width_s):
         float((residual**2).sum()),
         width_s,
     )
-    result = RestrictedLikelihood.of(data, np.array([0]), 30.0).evaluate(np.array([tau_s]), np.array([ratio]))
+    result = RestrictedLikelihood.from_points(data, np.array([0]), 30.0).evaluate(
+        np.array([tau_s]), np.array([ratio])
+    )
     mean = mean_correlation(width_s, np.array([tau_s]))[0]
     between = dense(np.full(40, 900.0), np.ones(40), tau_s, ratio * mean) - np.eye(40)
     contained = np.eye(each) - 1.0 / each
@@ -139,7 +143,9 @@ def test_whitening_is_a_root_of_the_inverse_covariance(case, at_once, monkeypatc
     }
     whitener = StructuredWhitener(150, (Diagonal(np.arange(150), np.full(150, 2.0)),))
     number = np.repeat([0, 1], [90, 60])
-    result = CorrelatedWhitener.of(IndependentSeries(names("ab"), whitener, number, np.cumsum(step_s)), noise)
+    result = CorrelatedWhitener.from_noise(
+        IndependentSeries(names("ab"), whitener, number, np.cumsum(step_s)), noise
+    )
     whitened = np.concatenate(list(result.whitened(lambda rows: np.eye(150)[rows])))
     expected = np.eye(150) / 16.0
     expected[:90, :90] = np.linalg.inv(4.0 * 0.8 * dense(step_s[:90], np.ones(90), 600.0, 3.0))

@@ -47,15 +47,17 @@ def both(seed, *, n=600, excess=1.0, outliers=0, fixed=False, unusable=0):
             linear,
             parameters,
             sigma_m,
-            order=SeriesOrder.of(
+            order=SeriesOrder.from_labels(
                 Labels(group.astype(np.int32), ("range", "vlbi_delay")),
-                Labels.of(np.full(n, "A")),
+                Labels.from_texts(np.full(n, "A")),
                 np.arange(n),
             ),
             status=np.where(usable, "used", "below the horizon"),
         )
 
-    return fit(calls.of(residual_m)), fit(lambda at: (residual_m - partials @ (at - x), partials))
+    return fit(calls.residual_function(residual_m)), fit(
+        lambda at: (residual_m - partials @ (at - x), partials)
+    )
 
 
 @pytest.mark.parametrize(
@@ -114,7 +116,7 @@ def test_the_same_where_observations_share_errors():
     noise = ObservationCovariance((White(sigma_m), shared))
     residual_m, x, used = sigma_m * rng.standard_normal(300), np.zeros(5), rng.random(300) > 0.05
     calls = linear_problem(partials, parameters, x, noise, np.ones(300, bool))
-    item = fit_least_squares(calls.of(residual_m), parameters, noise, used=used)
+    item = fit_least_squares(calls.residual_function(residual_m), parameters, noise, used=used)
     fit = fit_least_squares(lambda at: (residual_m - partials @ at, partials), parameters, noise, used=used)
     np.testing.assert_allclose((item.x - fit.x) / fit.sigmas, 0.0, atol=SAME_SIGMAS)
     np.testing.assert_allclose(item.covariance, fit.covariance, rtol=1e-6, atol=1e-9 * fit.sigmas.max())

@@ -128,8 +128,10 @@ def test_excess_noise_is_on_the_diagonal():
         network.residual_function(observed_m),
         network.parameters(),
         network.noise,
-        order=SeriesOrder.of(
-            Labels.of(np.where(delays, "delay", "range")), Labels.of(np.full(n, "A")), 1.0 * np.arange(n)
+        order=SeriesOrder.from_labels(
+            Labels.from_texts(np.where(delays, "delay", "range")),
+            Labels.from_texts(np.full(n, "A")),
+            1.0 * np.arange(n),
         ),
     )
     assert result.additive_sigma_m["range"] == 0.0

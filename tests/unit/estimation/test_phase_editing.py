@@ -27,7 +27,9 @@ def faults(error_m, *, stated_m=NOISE_M, count_s=1.0, cycle_m=CYCLE_M, time_s=No
     parameters = ParameterSet([Parameter("offset", "m", "bias")])
     edited = fit_with_editing(lambda x: (observed_m - design @ x, design), parameters, stated_m)
     time_s = count_s * np.arange(N) if time_s is None else time_s
-    order = SeriesOrder.of(Labels.of(["doppler"] * N), Labels.of(["A>x>A"] * N), time_s)
+    order = SeriesOrder.from_labels(
+        Labels.from_texts(["doppler"] * N), Labels.from_texts(["A>x>A"] * N), time_s
+    )
     result = phase_faults(edited, order, PhaseCounts(np.full(N, count_s), np.full(N, cycle_m)))
     return edited, result
 

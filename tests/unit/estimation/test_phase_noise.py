@@ -33,7 +33,9 @@ def chain(n):
     start = np.arange(n)
     phases = DopplerPhase(np.full(n, PHASE_M), np.zeros(n, dtype=int), start, start + 1)
     noise = ObservationCovariance((White(np.full(n, 1e-4)), phases))
-    item = SeriesOrder.of(Labels.of(["doppler"] * n), Labels.of(["A>x>A"] * n), np.arange(float(n)))
+    item = SeriesOrder.from_labels(
+        Labels.from_texts(["doppler"] * n), Labels.from_texts(["A>x>A"] * n), np.arange(float(n))
+    )
     return noise, item
 
 

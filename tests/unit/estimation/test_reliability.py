@@ -32,20 +32,22 @@ OF_B = np.tile([0.0, 1.0], EPOCH_COUNT)
 
 def fit(residual_m):
     return fit_least_squares(
-        lambda x: (residual_m - DESIGN @ x, DESIGN), PARAMETERS, ObservationCovariance.of(1.0, len(DESIGN))
+        lambda x: (residual_m - DESIGN @ x, DESIGN),
+        PARAMETERS,
+        ObservationCovariance.from_sigma(1.0, len(DESIGN)),
     )
 
 
 def binned(residual_m):
     paths = Labels(np.tile(np.arange(2, dtype=np.int32), EPOCH_COUNT), PATHS)
     types = Labels(np.zeros(len(DESIGN), dtype=np.int32), ("range",))
-    order = SeriesOrder.of(types, paths, np.repeat(60.0 * np.arange(EPOCH_COUNT), 2))
+    order = SeriesOrder.from_labels(types, paths, np.repeat(60.0 * np.arange(EPOCH_COUNT), 2))
 
     def white(points):
         return {item.key: SeriesNoise(1.0, np.ones(1), np.zeros(1)) for item in points.series}
 
     result = fit(residual_m)
-    return result, BinnedProblem.of(result, order, white)
+    return result, BinnedProblem.from_fit(result, order, white)
 
 
 def hypothesis(columns, *, sigma=1.0):

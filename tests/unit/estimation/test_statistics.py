@@ -27,8 +27,8 @@ def test_chi2_quantile_against_scipy(dof):
 
 def residuals(residual_m, sigma_m, used):
     n = len(used)
-    labels = Labels.of(["A"] * n)
-    statuses = Labels.of(np.where(used, "used", "outlier"))
+    labels = Labels.from_texts(["A"] * n)
+    statuses = Labels.from_texts(np.where(used, "used", "outlier"))
     epochs = Epochs.from_jd(2459185.5, np.zeros(n), "UTC")
     return Residuals(epochs, labels, labels, labels, np.zeros(n), residual_m, sigma_m, statuses)
 
@@ -45,9 +45,9 @@ def test_group_statistics_by_hand():
 def test_selected_rows_keep_all_that_is_told_of_them(elevation_deg):
     residuals = Residuals(
         Epochs.from_jd(2459185.5, np.array([0.1, 0.2, 0.3]), "UTC"),
-        *(Labels.of([f"{column}{k}" for k in range(3)]) for column in ("station", "type", "path")),
+        *(Labels.from_texts([f"{column}{k}" for k in range(3)]) for column in ("station", "type", "path")),
         *(np.array([1.0, 2.0, 3.0]) * size for size in (1e8, 1.0, 0.1)),
-        Labels.of(["used", "outlier", "used"]),
+        Labels.from_texts(["used", "outlier", "used"]),
         elevation_deg,
     )
     part = residuals.select([2, 1])
@@ -66,7 +66,7 @@ def test_selected_rows_keep_all_that_is_told_of_them(elevation_deg):
 
 
 def test_groups_are_sorted_and_complete():
-    labels = Labels.of(["B", "A", "B", "C"])
+    labels = Labels.from_texts(["B", "A", "B", "C"])
     groups = residuals(np.arange(4.0), np.ones(4), [True, True, False, True]).statistics_by(labels)
     assert [(group.label, group.used, group.rejected) for group in groups] == [
         ("A", 1, 0),
@@ -79,13 +79,13 @@ def test_rejected_observations_are_counted_by_reason_and_pass():
     n = 4000
     hour = np.where(np.arange(n) < n // 2, 0.0, 12.0) + np.arange(n) / n
     elevation = [f"below the horizon ({-k / n:.3f} deg)" for k in range(n - 1)]
-    labels = Labels.of(["KASHI>lander>KASHI"] * n)
+    labels = Labels.from_texts(["KASHI>lander>KASHI"] * n)
     residual_m = np.arange(n) * 1.0
     rows = Residuals(
         Epochs.from_jd(2459185.5, hour / 24.0, "UTC"),
         *(labels,) * 3,
         *(np.zeros(n), residual_m, np.ones(n)),
-        Labels.of([*elevation, "outlier: 9 m is 9 times its expected 1 m"]),
+        Labels.from_texts([*elevation, "outlier: 9 m is 9 times its expected 1 m"]),
     )
     first, second, outlier = rows.rejected()
     assert [group["count"] for group in (first, second, outlier)] == [n // 2, n // 2 - 1, 1]

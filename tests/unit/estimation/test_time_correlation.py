@@ -20,7 +20,7 @@ TAU_S = 3600.0
 
 
 def assessed(fit, types, paths, time_s):
-    return assess_time_correlation(fit, SeriesOrder.of(types, paths, time_s))
+    return assess_time_correlation(fit, SeriesOrder.from_labels(types, paths, time_s))
 
 
 def labels(n, text):
@@ -98,7 +98,7 @@ def test_the_covariance_of_an_estimate_has_what_time_correlation_adds():
         fit, types, path, time_s = line(coloured=coloured)
         design = fit.linearization.partials(np.arange(len(time_s)))
         edited = fit_with_editing(lambda x: (fit.residual_m - design @ x, design), fit.parameters, 1.0)  # noqa: B023
-        covariance, correlation = estimated_covariance(edited, SeriesOrder.of(types, path, time_s))
+        covariance, correlation = estimated_covariance(edited, SeriesOrder.from_labels(types, path, time_s))
         added = covariance - edited.fit.covariance
         if coloured:
             np.testing.assert_allclose(added, correlation.added_covariance, rtol=1e-9, atol=1e-18)
@@ -124,7 +124,7 @@ def test_order_of_rows_and_size_of_parts_do_not_matter(monkeypatch):
 def test_long_series_are_averaged_and_gaps_take_no_bins():
     fit, types, path, time_s = line(n=3000, series=1)
     time_s = time_s + np.where(time_s > time_s.mean(), 1e7, 0.0)
-    series = independent_series(SeriesOrder.of(types, path, time_s), fit.noise, fit.used)
+    series = independent_series(SeriesOrder.from_labels(types, path, time_s), fit.noise, fit.used)
     binned = points_of(series, column(fit.residual_m), np.zeros((0, 0)))
     assert len(binned.step_s) == pytest.approx(MAX_POINTS, abs=5)
     assert (binned.gain**2).sum() == 3000

@@ -140,7 +140,7 @@ def test_parameters_beyond_what_is_determined_take_no_redundancy(usable):
     observed_m = rng.standard_normal(n)
     parameters = ParameterSet([Parameter("offset", "m", "bias"), Parameter("rate", "1/s", "bias", 0.0, 1e12)])
     status = Labels.coded((USED, "not used"), (np.arange(n) >= usable).astype(int))
-    order = SeriesOrder.of(
+    order = SeriesOrder.from_labels(
         Labels.coded(("range",), np.zeros(n, dtype=int)),
         Labels.coded(("A", "B"), np.arange(n) // 6),
         60.0 * np.arange(n),
@@ -164,12 +164,12 @@ def test_errors_of_stations_far_beyond_those_of_delays_are_no_noise(stated_m, st
     """Delays that close but for rounding: what their stations are off by is to be seen in the residuals."""
     network = DelayNetwork.make(epochs=60)
     errors_m = np.tile(stations_m, 60) * np.random.default_rng(1).normal(size=240)
-    paths = Labels.of([f"{a}<x>{b}" for a, b in zip(network.first, network.second, strict=True)])
+    paths = Labels.from_texts([f"{a}<x>{b}" for a, b in zip(network.first, network.second, strict=True)])
     result = fit_with_variance_components(
         network.residual_function(network.incidence @ errors_m),
         network.parameters(),
         stated_m,
-        order=SeriesOrder.of(Labels.of(["vlbi_delay"] * 360), paths, 600.0 * network.epoch),
+        order=SeriesOrder.from_labels(Labels.from_texts(["vlbi_delay"] * 360), paths, 600.0 * network.epoch),
         threshold=None,
     )
     assert result.shared_sigma_m == {}

@@ -20,7 +20,11 @@ from radioloc.imaging import (
     read_isd,
 )
 from radioloc.imaging.ground_points import image_to_ground
-from radioloc.imaging.orientation import matrices_of, quaternions_of, rotation_of
+from radioloc.imaging.orientation import (
+    matrices_from_quaternions,
+    quaternions_from_matrices,
+    rotation_matrices,
+)
 from radioloc.lunar import TerrainModel, cartesian_to_selenographic, east_north_up
 
 DRAWS = 1500
@@ -45,9 +49,11 @@ def lro():
 def disturbed(model, shift_m, angles_rad):
     """Add errors of the position and of the attitude about the camera's axes to a model."""
     orientation = model.orientation
-    turned = matrices_of(orientation.quaternions) @ rotation_of(angles_rad[None])
+    turned = matrices_from_quaternions(orientation.quaternions) @ rotation_matrices(angles_rad[None])
     changed = replace(
-        orientation, positions_m=orientation.positions_m + shift_m, quaternions=quaternions_of(turned)
+        orientation,
+        positions_m=orientation.positions_m + shift_m,
+        quaternions=quaternions_from_matrices(turned),
     )
     return replace(model, orientation=changed)
 
@@ -81,7 +87,7 @@ def test_sigmas_by_hand():
     """Seen at 10 km and 30 degrees off nadir, a height error shifts the point horizontally by its tan(30 degrees)."""
     camera = Camera.of_pinhole(8.3, 6.7, [511.5, 511.5])
     down = np.array([[0.0, 0.0, -1.0], [1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
-    tilt = rotation_of(np.radians([[0.0, -30.0, 0.0]]))[0]
+    tilt = rotation_matrices(np.radians([[0.0, -30.0, 0.0]]))[0]
     model = FrameModel(camera, ConstantOrientation([1737400.0 + 1e4, 0.0, 0.0], down @ tilt), (1024, 1024))
     ground = Plane([1737400.0, 0.0, 0.0], [1.0, 0.0, 0.0])
 

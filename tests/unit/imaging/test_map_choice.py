@@ -13,7 +13,7 @@ from terrain_maps import EQC
 
 from radioloc.errors import DataQualityWarning, InputError
 from radioloc.imaging import locate_images, read_image_study
-from radioloc.imaging.map_choice import ellipse_of, find_candidates
+from radioloc.imaging.map_choice import confidence_ellipse, find_candidates
 from radioloc.imaging.study import ImageChoice
 from radioloc.lunar import TangentPlane
 from radioloc.time import epochs_from_strings
@@ -93,7 +93,7 @@ def test_ellipse_of_a_recorded_solution_contains_95_percent():
         "position": {"me": {"longitude_deg": 10.0, "latitude_deg": 0.0}},
         "covariance": {"enu_m2": np.diag([*np.square(sigma_m), 1.0]).tolist()},
     }
-    places_m = TangentPlane(10.0, 0.0).from_longitude_latitude(ellipse_of(content))
+    places_m = TangentPlane(10.0, 0.0).from_longitude_latitude(confidence_ellipse(content))
     distance = np.hypot(*(places_m[:-1] / sigma_m).T)
     np.testing.assert_allclose(distance, 2.4477, rtol=0, atol=1e-3)
     assert np.hypot(*places_m[-1]) < 1e-6

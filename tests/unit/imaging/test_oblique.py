@@ -7,7 +7,7 @@ from radioloc.errors import FileFormatError, InputError
 from radioloc.imaging import Camera
 from radioloc.imaging.cameras import distorted, undistorted
 from radioloc.imaging.oblique import TurnedImage, read_attitudes, searched_verticals, vertical_of_homography
-from radioloc.imaging.orientation import quaternions_of, rotation_of
+from radioloc.imaging.orientation import quaternions_from_matrices, rotation_matrices
 from radioloc.imaging.study import ImageChoice, ImageStudy
 
 SIZE = (300, 240)
@@ -21,7 +21,7 @@ def oblique(tilt_deg):
     looks = np.array(
         [[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, -1.0]]
     )  # straight down, north up in the image
-    return rotation_of(np.radians([[tilt_deg, 0.0, 0.0]]))[0] @ looks
+    return rotation_matrices(np.radians([[tilt_deg, 0.0, 0.0]]))[0] @ looks
 
 
 def drawn_ground(rotation):
@@ -82,7 +82,7 @@ def test_searched_verticals_are_within_25_degrees_of_tilts_up_to_60_degrees():
 
 def test_attitudes_are_read_from_a_table(tmp_path):
     rotation = oblique(40.0).T
-    numbers = ",".join(f"{part:.9f}" for part in quaternions_of(rotation[np.newaxis])[0])
+    numbers = ",".join(f"{part:.9f}" for part in quaternions_from_matrices(rotation[np.newaxis])[0])
     path = tmp_path / "attitudes.csv"
     path.write_text(f"file,qw,qx,qy,qz\n0001.png,{numbers}\n")
     np.testing.assert_allclose(read_attitudes(path)["0001.png"], rotation, rtol=0, atol=1e-8)

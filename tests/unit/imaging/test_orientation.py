@@ -6,7 +6,11 @@ from paths import ISDS
 
 from radioloc.errors import InputError
 from radioloc.imaging import ConstantOrientation, TabulatedOrientation, read_isd
-from radioloc.imaging.orientation import matrices_of, quaternions_of, rotation_of
+from radioloc.imaging.orientation import (
+    matrices_from_quaternions,
+    quaternions_from_matrices,
+    rotation_matrices,
+)
 
 ROUNDING = 1e-12  # of interpolation, relative to the largest value
 # Roughness of the positions of real kernels, every few milliseconds: Kaguya's have steps of 0.7 mm.
@@ -41,7 +45,7 @@ def test_uneven_tables_are_interpolated_with_velocities_and_along_great_circles(
     cubic, slope = np.outer(times**3, [1.0, -1.0, 0.5]), np.outer(3 * times**2, [1.0, -1.0, 0.5])
     positions, rotations = table(times, cubic, slope, rate_rad_s=0.5).poses(epoch_s)
     assert np.abs(positions - np.outer(epoch_s**3, [1.0, -1.0, 0.5])).max() < 64 * ROUNDING
-    assert np.abs(rotations - matrices_of(about_z(0.5 * epoch_s))).max() < ROUNDING
+    assert np.abs(rotations - matrices_from_quaternions(about_z(0.5 * epoch_s))).max() < ROUNDING
     with pytest.raises(InputError, match="velocities_m_s is missing"):
         table(times, cubic)
 
@@ -81,11 +85,11 @@ def test_lagrange_and_great_circles_agree_on_real_tables(name):
 
 
 def test_rotations_of_angles():
-    rotations = rotation_of(np.random.default_rng(6).uniform(-1.4, 1.4, size=(50, 3)))
-    assert np.abs(matrices_of(quaternions_of(rotations)) - rotations).max() < 1e-14
+    rotations = rotation_matrices(np.random.default_rng(6).uniform(-1.4, 1.4, size=(50, 3)))
+    assert np.abs(matrices_from_quaternions(quaternions_from_matrices(rotations)) - rotations).max() < 1e-14
     # each factor turns vectors: omega takes y to z, phi takes z to x, kappa takes x to y
     quarter = np.pi / 2 * np.eye(3)
-    turned = rotation_of(quarter)
+    turned = rotation_matrices(quarter)
     assert turned[0] @ [0, 1, 0] == pytest.approx([0, 0, 1])
     assert turned[1] @ [0, 0, 1] == pytest.approx([1, 0, 0])
     assert turned[2] @ [1, 0, 0] == pytest.approx([0, 1, 0])

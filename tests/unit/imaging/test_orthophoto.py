@@ -20,7 +20,7 @@ from radioloc.imaging import (
     write_orthophoto,
 )
 from radioloc.imaging.ground_points import image_to_ground
-from radioloc.imaging.orientation import rotation_of
+from radioloc.imaging.orientation import rotation_matrices
 from radioloc.lunar import TerrainModel, cartesian_to_selenographic, east_north_up, selenographic_to_cartesian
 
 R_M = 1737400.0
@@ -48,7 +48,7 @@ def camera_over(longitude_deg, latitude_deg, off_nadir_deg=0.0, height_m=3000.0,
     """Return a camera tilted to the south, with north up in the image of a nadir view."""
     longitude, latitude = np.radians([longitude_deg, latitude_deg])
     east, north, up = east_north_up(longitude, latitude)
-    tilt = rotation_of(np.radians([[off_nadir_deg, 0.0, 0.0]]))[0]
+    tilt = rotation_matrices(np.radians([[off_nadir_deg, 0.0, 0.0]]))[0]
     rotation = np.stack([east, -north, -up], axis=-1) @ tilt
     looks = rotation @ [0.0, 0.0, 1.0]
     place = selenographic_to_cartesian(longitude, latitude, -1000.0) - height_m / (-looks @ up) * looks

@@ -17,7 +17,11 @@ from radioloc.imaging import (
     read_isd,
 )
 from radioloc.imaging.ground_points import image_to_ground, image_to_ground_and_partials
-from radioloc.imaging.orientation import matrices_of, quaternions_of, rotation_of
+from radioloc.imaging.orientation import (
+    matrices_from_quaternions,
+    quaternions_from_matrices,
+    rotation_matrices,
+)
 
 PARTIALS_RELATIVE = 1e-5  # of central differences of a pixel, 10 m or 10 microradians
 KINKS_RELATIVE = 1e-3  # along lines: the rate of an interpolated attitude jumps at nodes
@@ -29,7 +33,7 @@ def frame():
     """Return a camera 10 km above the Moon, tilted by 30 degrees, with Brown's distortion."""
     camera = Camera.of_pinhole(8.3, 6.7, [511.5, 500.0], [-0.1, 0.02, 1e-3, -5e-4])
     down = np.array([[0.0, 0.0, -1.0], [1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
-    rotation = down @ rotation_of(np.radians([[30.0, 5.0, 20.0]]))[0]
+    rotation = down @ rotation_matrices(np.radians([[30.0, 5.0, 20.0]]))[0]
     return FrameModel(camera, ConstantOrientation([R_M + 1e4, 0.0, 0.0], rotation), (1024, 1024))
 
 
@@ -60,7 +64,7 @@ def turned(model, angles_rad):
         return replace(
             model, orientation=replace(orientation, rot_camera_to_moon=orientation.rot_camera_to_moon @ turn)
         )
-    turned_table = quaternions_of(matrices_of(orientation.quaternions) @ turn)
+    turned_table = quaternions_from_matrices(matrices_from_quaternions(orientation.quaternions) @ turn)
     return replace(model, orientation=replace(orientation, quaternions=turned_table))
 
 

@@ -12,7 +12,7 @@ from rasterio.transform import Affine
 from radioloc.errors import InputError
 from radioloc.imaging import Camera, ConstantOrientation, FrameModel, Sphere, Terrain
 from radioloc.imaging.ground_points import image_to_ground, image_to_ground_and_partials
-from radioloc.imaging.orientation import rotation_of
+from radioloc.imaging.orientation import rotation_matrices
 from radioloc.lunar import TerrainModel, cartesian_to_selenographic, east_north_up, selenographic_to_cartesian
 
 R_M = 1737400.0
@@ -42,7 +42,7 @@ def camera_above(height_m, off_nadir_deg, shape=(400, 400), field_deg=20.0):
         10.0, 20.0 * np.tan(np.radians(field_deg / 2)) / shape[0] * 1e3, [199.5, 199.5]
     )
     down = np.array([[0.0, 0.0, -1.0], [1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
-    tilt = rotation_of(np.radians([[off_nadir_deg, 0.0, 0.0]]))[0]
+    tilt = rotation_matrices(np.radians([[off_nadir_deg, 0.0, 0.0]]))[0]
     place = ConstantOrientation([R_M + height_m, 0.0, 0.0], down @ tilt)
     return FrameModel(camera, place, shape)
 

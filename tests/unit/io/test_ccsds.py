@@ -221,7 +221,7 @@ STUDY = "examples/change5/short_arc.toml"
 
 @pytest.fixture(scope="module")
 def fitted():
-    predictor = radioloc.jobs.arc_of(radioloc.read_study(STUDY))
+    predictor = radioloc.jobs.prepare_arc(radioloc.read_study(STUDY))
     return radioloc.compute_residuals(radioloc.read_study(STUDY)), predictor.observations
 
 

@@ -69,7 +69,7 @@ def test_stations_with_names_of_formulas_are_read_back_by_their_names(tmp_path, 
     observations = Observations.from_columns(
         epoch=epochs_from_strings(["2024-05-02T06:00:00"] * 4, "UTC"),
         links=[Link(name, "lander", name) for name in names], link=np.arange(4), value_m=7.6e8, sigma_m=1.0,
-        ramps=Ramps.of(
+        ramps=Ramps.from_columns(
             names,
             epochs_from_strings(["2024-05-02T06:00:00"] * 4, "UTC"),
             epochs_from_strings(["2024-05-02T07:00:00"] * 4, "UTC"),

@@ -23,7 +23,7 @@ def ramps():
     minutes = range(13 * 60 + 50, 14 * 60 + 20, 10)
     dates = [f"2021-03-28T{m // 60:02d}:{m % 60:02d}:00" for m in [*minutes, minutes.stop]]
     ends = epochs_from_strings(dates, "UTC")
-    return Ramps.of(
+    return Ramps.from_columns(
         ["KASHI"] * 3, ends[:-1], ends[1:], REFERENCE_HZ + np.array([0.0, 900.0, 300.0]), [1.5, -1.0, 0.25]
     )
 

@@ -12,7 +12,7 @@ from radioloc.constants import C_M_S
 from radioloc.errors import InputError
 from radioloc.io.tdm import TdmAgreement, read_tdm, read_tdm_file
 from radioloc.io.tdm.kvn import parse_kvn
-from radioloc.io.tdm.message import DATA, METADATA, TYPES, exponent_of
+from radioloc.io.tdm.message import DATA, METADATA, TYPES, unit_exponent
 from radioloc.io.tdm.write import write_tdm, write_tdm_file
 from radioloc.measurements.link import Link
 from radioloc.measurements.observations import DOPPLER, RANGE, VLBI_DELAY, VLBI_DELAY_RATE, Observations
@@ -229,7 +229,7 @@ def test_ccsds_ndm_reads_the_same(tmp_path):
             values.append((name.upper().removeprefix("VALUE_"), float(getattr(value, "value", value))))
         keywords = [DATA[code] for code in segment.keyword]
         decimals = [
-            Decimal(repr(value)).scaleb(-exponent_of(k, "km"))
+            Decimal(repr(value)).scaleb(-unit_exponent(k, "km"))
             for k, value in zip(keywords, segment.value.tolist(), strict=True)
         ]
         assert values == list(zip(keywords, map(float, decimals), strict=True))

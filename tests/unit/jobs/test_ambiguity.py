@@ -72,7 +72,7 @@ def test_ambiguous_ranges_of_a_study(tmp_path):
     path = tmp_path / "study.toml"
     path.write_text(STUDY.format(longitude_deg=-51.92))
     write_table(tmp_path / "ranges.csv", ranges(np.full(20, 7.6e8), modulus_m=np.nan))
-    arc = preparation.arc_of(path)
+    arc = preparation.prepare_arc(path)
     full_m = arc.compute().value_m
     write_table(tmp_path / "ranges.csv", ranges(full_m % MODULUS_M))
     path.write_text(STUDY.format(longitude_deg=-51.97))

@@ -64,7 +64,7 @@ def test_clock_of_a_vlbi_station(study, tracking):
 @pytest.mark.slow
 def test_ranging_station_off_its_place(study, full_tracking):
     """Kashi 50 m east; the editing leaves out nearly all of its two-way ranges, the others get noise of their own."""
-    arc = radioloc.jobs.arc_of(study, full_tracking)
+    arc = radioloc.jobs.prepare_arc(study, full_tracking)
     at = arc.predict()
     rows = ObservationRows(arc, np.arange(len(full_tracking)), None, at, arc.motions)
     kashi = rows.ends == arc.stations.index("KASHI")

@@ -68,7 +68,7 @@ def test_noise_of_a_schedule_has_the_covariance_that_is_drawn():
     study = study_of(noise, stations=("JIAMUSI", "KASHI"), vlbi=VLBI[:3], step_s=10800.0)
     plan = study.simulation.schedule.plan(model, LANDER.to_axes("PA", model.ephemeris.constants).xyz_m)
     expected = dense(noise.covariance(plan))
-    drawn_m, _ = NoiseDraws.of(noise, plan).draw(range(4000))
+    drawn_m, _ = NoiseDraws.from_plan(noise, plan).draw(range(4000))
     sigma_m = np.sqrt(np.diag(expected))
     off = (drawn_m.T @ drawn_m / 4000 - expected) / np.outer(sigma_m, sigma_m)
     # A correlation from 4000 draws is known to 0.016, a variance to 0.022.

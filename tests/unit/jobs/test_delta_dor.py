@@ -10,7 +10,7 @@ import radioloc
 from radioloc import LunarPosition, Observations
 from radioloc.ephemeris import CONSTANTS
 from radioloc.errors import InputError
-from radioloc.jobs.preparation import model_of
+from radioloc.jobs.preparation import build_model
 from radioloc.measurements import Link
 from radioloc.measurements.registry import kind_of
 from radioloc.parameters.choice import parameter_choices
@@ -195,7 +195,7 @@ def planned(folder, text):
 
 def test_tracking_beside_a_quasar_is_simulated_and_fitted(tmp_path):
     plan = planned(tmp_path, PLAN + OF_A_QUASAR)
-    simulated = plan.simulation.world(model_of(plan)).draw()
+    simulated = plan.simulation.world(build_model(plan)).draw()
     observations = simulated.observations
     of_quasar = np.array([link.target == "0716+332" for link in observations.links])[observations.link]
     assert 150 < of_quasar.sum() < (~of_quasar).sum() + 30
@@ -214,7 +214,7 @@ def test_tracking_beside_a_quasar_is_simulated_and_fitted(tmp_path):
 def test_a_session_of_what_is_no_quasar(tmp_path, change, message):
     def plan_it():
         plan = planned(tmp_path, PLAN + OF_A_QUASAR.replace(*change))
-        plan.simulation.world(model_of(plan))
+        plan.simulation.world(build_model(plan))
 
     with pytest.raises(InputError, match=message):
         plan_it()

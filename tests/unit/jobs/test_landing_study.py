@@ -79,7 +79,7 @@ def test_results_have_both(solution):
 def test_partials_are_those_of_differences(scene):
     study, simulated = scene
     arc, _ = radioloc.jobs.preparation.prepared_arc(study, simulated.observations)
-    problem = radioloc.jobs.problem.EstimationProblem.of(study, arc, study.estimate).model
+    problem = radioloc.jobs.problem.EstimationProblem.from_study(study, arc, study.estimate).model
     [descent] = problem.targets
     x = descent.solved(apriori := np.array([*descent.orbit.values.values()]), apriori)
     partials = problem.linearize(x).partials(np.arange(len(simulated.observations)))
@@ -97,7 +97,7 @@ def test_residuals_are_those_of_the_a_priori_trajectory(scene):
     result = radioloc.compute_residuals(
         replace(study, reference=Reference(PLACE, "where it is")), observations
     )
-    arc = radioloc.jobs.arc_of(study, observations)
+    arc = radioloc.jobs.prepare_arc(study, observations)
     expected_m = observations.value_m - arc.compute().value_m
     np.testing.assert_allclose(result.residuals.residual_m, expected_m, atol=1e-3)
     assert result.fit.total.rms_m > 10.0

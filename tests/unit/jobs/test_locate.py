@@ -328,7 +328,7 @@ def test_epoch_that_is_not_covered_names_file_and_line(year, source, apollo15, n
 
 
 def test_arc_for_predictions(apollo15, near15, unconsidered):
-    arc = radioloc.jobs.arc_of(Study(target=near15), apollo15)
+    arc = radioloc.jobs.prepare_arc(Study(target=near15), apollo15)
     assert arc.motions[0].position_pa_m == pytest.approx(
         near15.to_axes("PA", arc.model.ephemeris.constants).xyz_m
     )
@@ -361,7 +361,7 @@ def test_weights_of_a_correlated_series(apollo15, near15, unconsidered, monkeypa
     assert weight.name == item.name == "range APOLLO>apollo15>APOLLO"
     assert weight.weighed_as == pytest.approx(item.effective_count, rel=0.05)
     # Generalized least squares from the dense covariance: nothing is left to correct, and the sigmas are these.
-    arc = radioloc.jobs.arc_of(Study(target=near15), apollo15)
+    arc = radioloc.jobs.prepare_arc(Study(target=near15), apollo15)
     used, computed = fitted.residuals.used, arc.compute(FixedPoint(fitted.position_pa_m))
     residual_m, design = (apollo15.value_m - computed.value_m)[used], computed.by_position_pa[used]
     time_s = 86400.0 * (apollo15.epoch.jd - apollo15.epoch.jd[0] + apollo15.epoch.fraction)[used]

@@ -22,7 +22,7 @@ from radioloc.errors import InputError, RadiolocError
 from radioloc.jobs import workers
 from radioloc.jobs.linear_trials import trial_seed
 from radioloc.jobs.prepared_trials import Prepared
-from radioloc.jobs.workers import workers_of
+from radioloc.jobs.workers import open_workers
 from radioloc.parameters.considered import considered_choices
 from radioloc.results.monte_carlo import MonteCarlo, binomial_bounds
 from radioloc.simulation import Noise, NoiseModel, Scenario, Schedule, Session, Truth, TruthSigma
@@ -83,7 +83,7 @@ def study():
 
 @pytest.fixture(scope="module")
 def ready(study):
-    return Prepared.of(study, HOURS)
+    return Prepared.from_study(study, HOURS)
 
 
 @pytest.fixture(scope="module")
@@ -118,7 +118,7 @@ def test_correlated_weights_are_those_of_the_full_fit(vlbi_station_sigma_m):
     choice = ObservationChoice(vlbi_station_sigma_m=vlbi_station_sigma_m)
     study = study_of(600.0, observations=choice, weights="correlated")
     plain = study_of(600.0, observations=choice, weights="independent")
-    ready = Prepared.of(study, (24.0,))
+    ready = Prepared.from_study(study, (24.0,))
     linear, full = (way.run(5, [1]) for way in (ready.linear(), ready))
     errors = columns_of(ready, linear - full, "east_m", "north_m", "up_m")
     sigmas = ("sigma_east_m", "sigma_north_m", "sigma_up_m")
@@ -126,7 +126,7 @@ def test_correlated_weights_are_those_of_the_full_fit(vlbi_station_sigma_m):
     ratio = columns_of(ready, linear, *sigmas) / columns_of(ready, full, *sigmas)
     np.testing.assert_allclose(ratio, 1.0, rtol=0.0, atol=0.01)
     # And other weights than before.
-    unlike = Prepared.of(plain, (24.0,)).linear().run(5, [1])
+    unlike = Prepared.from_study(plain, (24.0,)).linear().run(5, [1])
     assert (np.abs(columns_of(ready, linear - unlike, "north_m")) > 0.01).all()
 
 
@@ -139,7 +139,7 @@ def test_a_full_trial_is_what_locate_gives(study, ready):
         replace(item, observations=ObservationChoice(hours=24.0), reference=radioloc.study.Reference(LANDER)),
         simulated.observations,
     )
-    trial = Prepared.of(item, HOURS).run(5, [3])[0, 0]
+    trial = Prepared.from_study(item, HOURS).run(5, [3])[0, 0]
     trial_values = dict(zip(ready.columns, trial, strict=True))
     np.testing.assert_allclose(
         [trial_values[f"{axis}_m"] for axis in ("east", "north", "up")],
@@ -160,7 +160,7 @@ def test_a_full_trial_is_what_locate_gives(study, ready):
 )
 def test_noise_and_selection_are_those_of_the_study(changes):
     item = study_of(observations=ObservationChoice(**changes))
-    ready = Prepared.of(item, (12.0,))
+    ready = Prepared.from_study(item, (12.0,))
     linear, full = ready.linear().run(1, range(2)), ready.run(1, range(2))
     common = columns_of(ready, linear - full, "east_m", "north_m", "up_m", "sigma_east_m")
     assert np.abs(common).max() < 0.05
@@ -169,7 +169,7 @@ def test_noise_and_selection_are_those_of_the_study(changes):
 
 def test_biases_with_a_priori_values():
     item = study_of(range_bias_m={"KASHI": 7.0})
-    ready = Prepared.of(item, (12.0,))
+    ready = Prepared.from_study(item, (12.0,))
     linear, full = ready.linear().run(1, range(2)), ready.run(1, range(2))
     names = ("range_bias.KASHI", "range_bias.JIAMUSI", "east_m", "up_m")
     np.testing.assert_allclose(
@@ -199,7 +199,7 @@ def test_threads_of_linear_algebra_give_the_same_bits(tmp_path):
         "import pickle, sys, numpy as np; job = pickle.load(open(sys.argv[1] + '.job', 'rb')); "
         "np.save(sys.argv[1], job.run(1, range(3)))"
     )
-    job = Prepared.of(study_of(120.0), HOURS).linear()
+    job = Prepared.from_study(study_of(120.0), HOURS).linear()
     results = []
     for threads in ("1", "2"):
         name = tmp_path / f"{threads}.npy"
@@ -225,14 +225,14 @@ def test_unusable_clusters_are_one_error(monkeypatch):
     distributed = pytest.importorskip("distributed")
     cluster = distributed.LocalCluster(n_workers=1, processes=False, dashboard_address=None)
     with cluster, distributed.Client(cluster) as client:
-        with workers_of(client) as pool, pytest.raises(RadiolocError, match="lost its workers"):
+        with open_workers(client) as pool, pytest.raises(RadiolocError, match="lost its workers"):
             list(pool.run(_LosingCluster(), 1, [[0], [1]]))
         installed = versions()
         monkeypatch.setattr(client, "run", lambda function: {"tcp://w": installed | {"radioloc": "0.0.1"}})
-        with workers_of(client) as pool, pytest.raises(InputError, match=r"0\.0\.1"):
+        with open_workers(client) as pool, pytest.raises(InputError, match=r"0\.0\.1"):
             list(pool.run(_LosingCluster(), 1, [[0]]))
         monkeypatch.setattr(client, "run", lambda function: {})
-        with workers_of(client) as pool, pytest.raises(InputError, match="no workers"):
+        with open_workers(client) as pool, pytest.raises(InputError, match="no workers"):
             list(pool.run(_LosingCluster(), 1, [[0]]))
     monkeypatch.setattr(workers, "_CONNECTION_TIMEOUT_S", 0.5)
     with pytest.raises(InputError, match="cannot be reached"), workers.dask_client("tcp://127.0.0.1:1"):
@@ -283,8 +283,8 @@ def test_where_not_everything_is_determined_all_is_fitted_in_full():
 
 
 UNGUARDED = """
-from radioloc.jobs.workers import workers_of
-with workers_of(2) as pool:
+from radioloc.jobs.workers import open_workers
+with open_workers(2) as pool:
     list(pool.run(None, 0, [[0], [1]]))
 """
 

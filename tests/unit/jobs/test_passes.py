@@ -9,7 +9,7 @@ from paths import EXAMPLES
 import radioloc
 from radioloc import visibility
 from radioloc.errors import InputError, StationError
-from radioloc.jobs.preparation import model_of
+from radioloc.jobs.preparation import build_model
 from radioloc.simulation import elevations
 from radioloc.time import epochs_from_strings, utc_to_tt
 
@@ -26,7 +26,7 @@ def plan():
 
 
 def elevation_deg(study, station, utc):
-    model = model_of(study)
+    model = build_model(study)
     lander_pa_m = study.simulation.position.to_axes("PA", model.ephemeris.constants).xyz_m
     tt = utc_to_tt(epochs_from_strings(utc, "UTC"))
     return np.degrees(elevations(model, lander_pa_m, [station], tt).at_station_rad[:, 0])

@@ -28,7 +28,7 @@ def solution(study):
 
 @pytest.fixture(scope="module")
 def predictor(study):
-    return radioloc.jobs.arc_of(study)
+    return radioloc.jobs.prepare_arc(study)
 
 
 @pytest.fixture(scope="module")

@@ -53,7 +53,7 @@ def test_target_by_any_of_its_names():
 def test_targets_under_the_names_of_the_study():
     """A file calls it by a number, another one by a name; ramps are of stations and of targets."""
     links = (Link("DSS-24", "sc181", "DSS-24"), Link("", "sc181", "DSS-24"), Link("", "grail-b", "DSS-24"))
-    of_beacon = Ramps.of(
+    of_beacon = Ramps.from_columns(
         ["DSS-24", "SC181"],
         *(epochs_from_strings([f"2012-04-0{day}"] * 2, "UTC") for day in (1, 2)),
         [2e9, 8e9],

@@ -75,8 +75,8 @@ def test_differences_show_noise_and_neither_outliers_nor_errors_of_the_model(fau
         "step": 300.0 * (time_s > time_s[200]),
         "drift": 1000.0 * np.sin(7.3e-5 * time_s),
     }[fault]
-    order = SeriesOrder.of(Labels.of(["range"] * n), Labels.of(["A"] * n), time_s)
-    differences = Differences.of(5.0 * noise + error_m, np.ones(n), np.ones(n, dtype=bool), order)
+    order = SeriesOrder.from_labels(Labels.from_texts(["range"] * n), Labels.from_texts(["A"] * n), time_s)
+    differences = Differences.from_residuals(5.0 * noise + error_m, np.ones(n), np.ones(n, dtype=bool), order)
     [ratio] = noise_ratios(differences, 1)
     assert ratio == pytest.approx(5.0, rel=1.0 if fault == "outliers" else 0.2)
 
@@ -89,7 +89,7 @@ def test_residuals_are_compared_with_stated_and_considered_variance():
     observed_m, design = effect_m + rng.normal(size=n), np.ones((n, 1))
     parameters = ParameterSet([Parameter("offset", "m", "bias")])
     edited = fit_with_editing(lambda x: (observed_m - design @ x, design), parameters, 1.0, threshold=None)
-    order = SeriesOrder.of(Labels.of(["range"] * n), Labels.of(["A"] * n), time_s)
+    order = SeriesOrder.from_labels(Labels.from_texts(["range"] * n), Labels.from_texts(["A"] * n), time_s)
     errors = ConsideredErrors(
         ParameterSet([Parameter("error", "1", "error", prior_sigma=1.0)]), lambda rows: effect_m[rows, None]
     )

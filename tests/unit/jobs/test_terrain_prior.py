@@ -63,7 +63,7 @@ def values_and_sigmas(solution):
 
 @pytest.mark.study
 def test_the_position_is_drawn_on_terrain_as_fine_as_its_sigma(tmp_path, monkeypatch):
-    monkeypatch.setattr("radioloc.report.files.figures_of", lambda _: [FIGURES["map"]])
+    monkeypatch.setattr("radioloc.report.files.available_figures", lambda _: [FIGURES["map"]])
     solution = radioloc.locate("examples/change5/short_arc_dem.toml")
     drawn = tmp_path / "map.png"
     # Cells of 60 m and of 7.6 km; sigmas of 25 and 40 m.

@@ -29,7 +29,7 @@ def at(seconds):
 def ramps(*pieces, station="KASHI"):
     """Pieces of (start, stop, frequency, rate), s and Hz."""
     start, stop, frequency, rate = np.array(pieces, dtype=float).T
-    return Ramps.of([station] * len(pieces), at(start), at(stop), frequency, rate)
+    return Ramps.from_columns([station] * len(pieces), at(start), at(stop), frequency, rate)
 
 
 TUNED = ramps(
@@ -162,7 +162,9 @@ def test_epochs_in_utc_are_rounded_to_microseconds():
         Epochs.from_jd(np.full(2000, jd), microseconds / (1e6 * length_s), "UTC")
         for jd, length_s in ((2457753.5, 86401), (2457754.5, 86400))
     )
-    written = Ramps.of([f"S{k}" for k in range(2000)], start, stop, np.full(2000, 2e9), np.zeros(2000))
+    written = Ramps.from_columns(
+        [f"S{k}" for k in range(2000)], start, stop, np.full(2000, 2e9), np.zeros(2000)
+    )
     for utc in (written.start_utc, written.stop_utc):
         assert {text[-6:] for text in utc_to_text(utc)} == {"000000"}
 

@@ -100,7 +100,7 @@ def test_sigmas_of_rounded_values(values, sigma_m, tmp_path):
 def test_ramps_in_single_precision():
     start, stop = (epochs_from_strings([date], "UTC") for date in DATES[:2])
     with pytest.raises(InputError, match="double precision"):
-        Ramps.of(["KASHI"], start, stop, single([7.2e9]), [0.0])
+        Ramps.from_columns(["KASHI"], start, stop, single([7.2e9]), [0.0])
 
 
 def test_doppler_in_single_precision_is_sufficient():

@@ -54,7 +54,7 @@ def study(**estimate):
 def ranges():
     """Ranges without error, and the station of each."""
     observations = table()
-    arc = radioloc.jobs.arc_of(study(), observations)
+    arc = radioloc.jobs.prepare_arc(study(), observations)
     stations = np.array([arc.stations[i] for i in arc.receivers])
     return replace(observations, value_m=arc.compute().value_m), stations
 
@@ -185,7 +185,7 @@ def test_all_observations_of_a_station_define_its_passes(ranges):
     """Five hours without ranges, with Doppler in the middle."""
     hours = [hour for station in HOURS for hour in HOURS[station]]
     observations = table(np.where(np.array(hours) == 18.0, DOPPLER, RANGE), count_s=60.0)
-    arc = radioloc.jobs.arc_of(study(), observations)
+    arc = radioloc.jobs.prepare_arc(study(), observations)
     choice = study(range_bias=["KASHI"], range_bias_per="pass").estimate
     pa_m = arc.motions[0].position_pa_m
     problem = observation_model(
@@ -287,7 +287,7 @@ def test_frequency_offsets_of_links_and_passes():
     """Two stations' Doppler of two days, the reference 1e-12 high, on one link on the second day 3e-12."""
     offsets = {("KASHI", 0): 1e-12, ("KASHI", 1): 3e-12, ("JIAMUSI", 0): 1e-12, ("JIAMUSI", 1): 1e-12}
     observations = table(DOPPLER, count_s=60.0)
-    arc = radioloc.jobs.arc_of(study(), observations)
+    arc = radioloc.jobs.prepare_arc(study(), observations)
     hours = np.array([hour for station in HOURS for hour in HOURS[station]])
     offset = np.array(
         [offsets[arc.stations[s], int(h > 24.0)] for s, h in zip(arc.receivers, hours, strict=True)]
@@ -318,7 +318,7 @@ def test_clocks_have_one_reference_in_each_network():
         value_m=np.where(link == 0, 7.7e8, 0.0),
         sigma_m=1.0,
     )
-    arc = radioloc.jobs.arc_of(study(), data)
+    arc = radioloc.jobs.prepare_arc(study(), data)
     start = LunarPosition("PA_DE421", arc.motions[0].position_pa_m)
     choice = study(clock="all").estimate
     model = observation_model(arc, surface_points({"": start}, arc.model, choice), choice)

@@ -8,7 +8,7 @@ from radioloc.measurements.registry import KINDS
 from radioloc.report import plot_links, plot_residuals
 from radioloc.report.figures import new_figure
 from radioloc.report.residual_figures import ENVELOPE_NOTE, draw_envelope
-from radioloc.report.residual_panels import BINS, bin_of
+from radioloc.report.residual_panels import BINS, time_bins
 from radioloc.results.solution import Residuals
 from radioloc.time import Epochs
 
@@ -48,7 +48,7 @@ def test_bars_reach_from_the_lowest_to_the_highest_of_each_span():
     axes = new_figure(8.0, 3.0).subplots()
     draw_envelope(axes, dates, values, limits, color="k", label="x")
     reach, spread = (line.get_xydata().reshape(-1, 3, 2) for line in axes.lines)
-    span = bin_of(dates, limits)
+    span = time_bins(dates, limits)
     assert len(reach) == len(np.unique(span)) < BINS
     for bar, dark, number in zip(reach, spread, np.unique(span), strict=True):
         values_m = values[span == number]
@@ -72,4 +72,4 @@ def test_thousands_rejected_are_all_drawn(plot):
 
 def test_one_instant_is_one_span():
     instants = np.full(6000, np.datetime64("2020-12-01", "ms"))
-    assert set(bin_of(instants, (instants[0], instants[0]))) == {0}
+    assert set(time_bins(instants, (instants[0], instants[0]))) == {0}

@@ -232,7 +232,7 @@ def test_card_and_page_and_notebook_have_the_same_fields(name, tmp_path, monkeyp
     assert max(map(len, text.splitlines())) <= 80
     assert "-0.0 " not in text
     json.dumps(result.to_dict(), allow_nan=False)
-    monkeypatch.setattr("radioloc.report.page.figures_of", lambda _: [])
+    monkeypatch.setattr("radioloc.report.page.available_figures", lambda _: [])
     write_html(tmp_path / "page.html", result)
     page, notebook = Page((tmp_path / "page.html").read_text(encoding="utf-8")), Page(result._repr_html_())
     for shown, fields in (

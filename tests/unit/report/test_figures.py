@@ -130,7 +130,7 @@ def test_any_figure_is_drawn_in_the_place_of_axes_given(solution, plot):
     figure = new_figure(9.0, 5.0)
     panel, place = figure.subplots(1, 2)
     panel.plot([0.0, 1.0])
-    paths = Labels.of([f"{name}>lander>{name}" for name in solution.residuals.station])
+    paths = Labels.from_texts([f"{name}>lander>{name}" for name in solution.residuals.station])
     of_links = replace(solution, residuals=replace(solution.residuals, paths=paths))
     assert plot(of_links, ax=place) is figure
     figure.canvas.draw()

@@ -20,14 +20,14 @@ from radioloc.time.dates import utc_to_text
 def two_rows(**changes):
     columns = {
         "epoch_utc": epochs_from_strings(["2006-04-07T06:26:30", "2006-04-07T06:32:30.25"], "UTC"),
-        "stations": Labels.of(["A", "C"]),
-        "types": Labels.of(["range", "range"]),
-        "paths": Labels.of(["A>b>A", "C>b>C"]),
+        "stations": Labels.from_texts(["A", "C"]),
+        "types": Labels.from_texts(["range", "range"]),
+        "paths": Labels.from_texts(["A>b>A", "C>b>C"]),
         "observed_m": np.array([794279926.1234567, 7.7e8]),
         "residual_m": np.array([0.0234567, -0.0]),
         "sigma_m": np.array([0.016, 1.0]),
         "elevation_deg": np.array([45.0, -1.25]),
-        "statuses": Labels.of(["used", "rejected"]),
+        "statuses": Labels.from_texts(["used", "rejected"]),
     }
     return Residuals(**columns | changes)
 

@@ -34,12 +34,12 @@ def rows():
     status[[10, 11]] = "outlier"
     return replace(
         toy,
-        types=Labels.of(kind),
-        paths=Labels.of(path),
-        stations=Labels.of([p.split(">")[-1] for p in path]),
+        types=Labels.from_texts(kind),
+        paths=Labels.from_texts(path),
+        stations=Labels.from_texts([p.split(">")[-1] for p in path]),
         residual_m=residual_m,
         sigma_m=np.full(90, 0.05),
-        statuses=Labels.of(status),
+        statuses=Labels.from_texts(status),
     )
 
 
@@ -67,9 +67,9 @@ def test_of_too_many_links_those_with_the_most_observations(rows):
     receivers = [f"S{k:02d}" for k in range(40)] * 2 + ["S39"] * 10
     links = replace(
         rows,
-        types=Labels.of(["range"] * 90),
-        paths=Labels.of([f"{name}>lander>{name}" for name in receivers]),
-        stations=Labels.of(receivers),
+        types=Labels.from_texts(["range"] * 90),
+        paths=Labels.from_texts([f"{name}>lander>{name}" for name in receivers]),
+        stations=Labels.from_texts(receivers),
     )
     for figure, limit, text in (
         (plot_links(links), MAX_LINKS, "links"),
@@ -137,7 +137,7 @@ def test_nothing_and_unknown_types_are_refused(rows):
         with pytest.raises(InputError, match="at least one observation"):
             plot(rows.select(slice(0)))
     with pytest.raises(InputError, match="got 'phase'"):
-        plot_links(replace(rows, types=Labels.of(np.full(90, "phase"))))
+        plot_links(replace(rows, types=Labels.from_texts(np.full(90, "phase"))))
 
 
 def test_one_way_links_and_several_targets_are_told_apart(rows):
@@ -146,8 +146,8 @@ def test_one_way_links_and_several_targets_are_told_apart(rows):
     kinds = ["range", "range", "one_way_range"]
     some = replace(
         rows,
-        types=Labels.of([kinds[k % 3] for k in range(90)]),
-        paths=Labels.of([paths[k % 3] for k in range(90)]),
+        types=Labels.from_texts([kinds[k % 3] for k in range(90)]),
+        paths=Labels.from_texts([paths[k % 3] for k in range(90)]),
     )
     panels = panels_of(plot_links(some))
     assert list(panels) == ["range KASHI", "one-way range KASHI"]
@@ -164,7 +164,7 @@ def test_rejected_observations_beyond_a_panel_are_at_its_edge(rows):
     link_rows = rows.select((rows.path == PATHS["range"][0]) & (rows.type == "range"))
     residual_m, status = link_rows.residual_m + 500.0, np.full(len(link_rows), "used", dtype="U40")
     residual_m[[2, 3]], status[[2, 3]] = (900.0, 0.0), "outlier"
-    [axes] = plot_links(replace(link_rows, residual_m=residual_m, statuses=Labels.of(status))).axes
+    [axes] = plot_links(replace(link_rows, residual_m=residual_m, statuses=Labels.from_texts(status))).axes
     low, high = axes.get_ylim()
     markers = {
         line.get_marker(): float(line.get_ydata()[0]) for line in axes.lines if len(line.get_ydata()) == 1

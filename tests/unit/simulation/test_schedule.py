@@ -38,7 +38,7 @@ def test_all_epochs_above_the_masks_are_measured(model, lander_pa_m, compute):
     for name in RANGERS:
         rows = np.array([link.receiver == name for link in observations.links])[observations.link]
         # The elevation at transmission differs by 2 arcsec in the model.
-        assert np.degrees(by_model.elevation_rad[rows]).min() > masks.of(name) - 1e-3
+        assert np.degrees(by_model.elevation_rad[rows]).min() > masks.for_station(name) - 1e-3
         visible_s = sum(
             60.0 * len(Session("range", two_way(name), w.start_utc, w.stop_utc, 60.0, 1.0).epochs())
             for w in windows(model, lander_pa_m, [name], START, STOP, masks)

@@ -231,7 +231,7 @@ def test_clocks_of_trials_and_fits_refer_to_one_epoch(lander, model):
     sessions = [Session("vlbi_delay", baselines("SESHAN25", "URUMQI"), START, STOP, 3600.0, 1.0)]
     sigma = TruthSigma(clock_s={"URUMQI": 1e-10}, clock_rate_s_s={"URUMQI": 1e-15})
     study = Study(target=lander, simulation=Scenario(Schedule(sessions), lander, truth_sigma=sigma))
-    ready = Prepared.of(study, (6.0, 12.0))
+    ready = Prepared.from_study(study, (6.0, 12.0))
     drawn = ready.world.drawn.rows(ready.rows)
     rates = drawn.partials[drawn.names.index("clock_rate.URUMQI")]
     for part in ready.parts:

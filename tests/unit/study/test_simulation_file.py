@@ -28,8 +28,8 @@ def test_every_key_is_read(tmp_path):
     assert ranging.one_uplink
     assert doppler.pairs == (("KASHI", "KASHI"),)
     assert ranging.start_utc == "2020-12-01T15:11:00"
-    assert scenario.schedule.masks.of("KASHI") == 7.0
-    assert scenario.schedule.masks.of("JIAMUSI") == 10.0
+    assert scenario.schedule.masks.for_station("KASHI") == 7.0
+    assert scenario.schedule.masks.for_station("JIAMUSI") == 10.0
     assert scenario.noise.link["range"] == Noise(0.8, 0.5, 3600.0, 0.001, 0.01, 50.0)
     assert scenario.truth.values["clock"].value == {"KASHI": -5e-9}
     assert scenario.truth.values["clock_rate"].value == {"KASHI": 1e-14}

@@ -21,7 +21,7 @@ from radioloc.io.tdm.message import TdmFile
 from radioloc.io.tdm.write import write_tdm
 from radioloc.io.tdm.xml import looks_like_xml, parse_xml
 from radioloc.measurements.observations import Observations
-from radioloc.text_files import head_of, read_lines, read_text
+from radioloc.text_files import read_head, read_lines, read_text
 
 __all__ = [
     "TdmAgreement",
@@ -48,7 +48,7 @@ def read_tdm_file(path: str | Path) -> TdmFile:
     FileFormatError
         The file is not a message, was cut, or violates the standard. Has the line.
     """
-    start = head_of(path, _START_BYTES).decode(errors="replace")
+    start = read_head(path, _START_BYTES).decode(errors="replace")
     if looks_like_xml(start):
         return parse_xml(path, read_text(path))
     if looks_like_kvn(start.splitlines()):

@@ -38,7 +38,7 @@ from radioloc.io.tdm.message import (
     TYPES,
     TdmFile,
     TdmSegment,
-    exponent_of,
+    unit_exponent,
 )
 from radioloc.io.tdm.segment import Reading, SegmentReader
 from radioloc.measurements.measurement_type import TIME_TAGS
@@ -171,7 +171,7 @@ def _ranges(part: SegmentReader, keyword: str) -> dict[str, Any]:
     epoch = part.tagged(keyword)
     units = part.segment.metadata.get("RANGE_UNITS", "km")
     unit_m = _range_unit_m(part, units)
-    factor = unit_m * 10.0 ** exponent_of(keyword, units)
+    factor = unit_m * 10.0 ** unit_exponent(keyword, units)
     modulus_m = part.segment.number("RANGE_MODULUS") * factor
     correction_m = part.segment.correction("RANGE") * factor
     if part.link.differenced:

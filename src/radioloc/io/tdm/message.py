@@ -148,7 +148,7 @@ The standard lacks delay rates. TIMETAG_REF is RECEIVE of all but RANGE.
 """
 
 
-def exponent_of(keyword: str, range_units: str) -> int:
+def unit_exponent(keyword: str, range_units: str) -> int:
     """Return the power of ten from the standard's unit to SI: km and km/s to m and m/s, percent to parts of one."""
     if keyword == "RANGE":
         return 3 if range_units == "km" else 0
@@ -387,7 +387,7 @@ def read_records(
 
     not_finite = ": expected a finite number; correct it or leave the record out"
     refuse(pc.invert(pc.match_substring_regex(values, f"^{NUMBER}$")), values, not_finite)
-    exponent = np.array([exponent_of(keyword, range_units) for keyword in DATA])[codes]
+    exponent = np.array([unit_exponent(keyword, range_units) for keyword in DATA])[codes]
     numbers = _scaled(values, exponent)
     refuse(~np.isfinite(numbers), values, not_finite)
     return codes, _utc(epoch, time_system), numbers

@@ -120,7 +120,7 @@ class Series:
         last_s = max(float(seconds_from(self.start, until)[0]), self.since_s[-1])
         stop_s = np.append(self.since_s[1:], last_s)
         start, stop = (shifted_utc(self.start, since_s) for since_s in (self.since_s, stop_s))
-        return Ramps.of([station] * len(start), start, stop, self.value, self.rate)
+        return Ramps.from_columns([station] * len(start), start, stop, self.value, self.rate)
 
 
 class Reading:

@@ -38,7 +38,7 @@ from radioloc.io.tdm.message import (
     TdmFile,
     TdmHeader,
     TdmSegment,
-    exponent_of,
+    unit_exponent,
 )
 from radioloc.measurements.link import Link
 from radioloc.measurements.measurement_type import TIME_TAGS
@@ -104,7 +104,7 @@ def write_tdm(
     <Observations 10 2020-12-01 to 2020-12-01>
     """
     header = TdmHeader(creation_date_now(), originator, tuple(comments))
-    write_tdm_file(path, tdm_of(observations, header))
+    write_tdm_file(path, to_tdm(observations, header))
 
 
 def creation_date_now() -> str:
@@ -117,7 +117,7 @@ def write_tdm_file(path: str | Path, message: TdmFile) -> None:
     write_blocks(path, _blocks(message))
 
 
-def tdm_of(observations: Observations, header: TdmHeader) -> TdmFile:
+def to_tdm(observations: Observations, header: TdmHeader) -> TdmFile:
     """Return the message of observations."""
     if len(observations) == 0:
         raise InputError("observations: expected at least one, got an empty table")
@@ -224,7 +224,7 @@ def _segment(part: Observations) -> TdmSegment:
 
 
 def _range_metadata(part: Observations, units: str, factor: float) -> dict[str, str]:
-    modulus = _text(float(factor * np.nan_to_num(part.modulus_m[0])), exponent_of("RANGE", units))
+    modulus = _text(float(factor * np.nan_to_num(part.modulus_m[0])), unit_exponent("RANGE", units))
     one_way = {} if part.links[part.link[0]].transmitter else {"RANGE_MODE": "ONE_WAY"}
     return {"RANGE_MODULUS": modulus, "RANGE_UNITS": units} | one_way
 
@@ -352,7 +352,7 @@ def _records(segment: TdmSegment) -> Iterator[bytes]:
         rows = slice(start, start + _BLOCK_ROWS)
         code, value = segment.keyword[rows], segment.value[rows]
         keywords = np.unique(code).tolist()
-        texts = [_value_texts(value[code == k], exponent_of(DATA[k], units)) for k in keywords]
+        texts = [_value_texts(value[code == k], unit_exponent(DATA[k], units)) for k in keywords]
         order = np.argsort(np.argsort(code, kind="stable"), kind="stable")
         dates = pc.binary_join_element_wise(starts.take(pa.array(code)), _date_texts(segment.epoch[rows]), "")
         lines = pc.binary_join_element_wise(dates, pa.concat_arrays(texts).take(pa.array(order)), " ")

@@ -1,14 +1,27 @@
-"""Outlier editing: observations are rejected with a reason, and re-admitted when they fit again.
+"""Outlier rejection by studentized residuals, with re-admission (data snooping; Baarda 1968).
 
-Two faults of integrated Doppler are recognised. A *cycle slip*, a short loss of the phase, changes one count by whole
-cycles; the counts around it are right. *Tracking the wrong signal*, as before the uplink starts or after another
-station takes over, is an error of frequency: it biases all counts at the beginning, at the end or in a part of a pass.
+An observation with residual r_i, stated standard deviation s_i and leverage h_i is rejected if
+
+    |r_i| > t max(1, k) s_i sqrt(1 - h_i),    h_i = (A P A^T)_ii / s_i^2,
+
+with design matrix A and covariance P of the estimate. For a rejected observation the root is sqrt(1 + h_i), since the
+fit is independent of it. The threshold t counts standard deviations. The robust scale k, the median spread of r/s, is
+taken over all usable observations, so that rejections do not tighten the limit.
+
+1. A robust estimate, or a previous fit, gives the first residuals.
+2. All observations within the limit are used, whether they were used before or not, and the others are rejected.
+3. The parameters are estimated; steps 2 and 3 are repeated until the set of used observations stays the same.
+
+No observation is rejected if more than 30 % would be: the model, a station or the sigmas are then wrong.
+
+References: Baarda (1968), A testing procedure for use in geodetic networks; Belsley, Kuh and Welsch (1980), chapter 2.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -30,29 +43,15 @@ from radioloc.vectors import Floats
 
 THRESHOLD = 5.0  # sigmas; of normal residuals one in 1.7 million is larger
 _MIN_THRESHOLD = 2.0  # sigmas; less rejects one good observation in 20 or more
+_MAX_PASSES = 20
+_MIN_STUDENTIZED_RATIO = 0.2  # sigma of a residual over that of its observation: leverages up to 0.96
 
 _MAX_REJECTED_FRACTION = 0.3
 """Largest fraction of usable observations to reject: more outliers mean a wrong model, station or sigma. Without this
 limit 40 of 100 wrong ranges are rejected without a message (`tests/unit/estimation/test_editing.py`)."""
 
-_MAX_PASSES = 20
-_MIN_STUDENTIZED_RATIO = 0.2  # sigma of a residual over that of its observation: leverages up to 0.96
-
 # With 3 % independent outliers, a run of this length with one sign begins at one of 150,000 observations.
 _MIN_RUN_COUNT = 3
-
-# Cycle slips
-_SLIP_TOLERANCE_SIGMAS = 5.0  # distance of a residual from whole cycles
-_SLIP_MAX_TOLERANCE_CYCLES = 0.15  # with a larger tolerance nearly every residual is near a whole number
-_SLIP_MAX_CYCLES = 1000.0  # more cycles at once are an error of frequency
-
-# Tracking the wrong signal
-_MIN_GAP_S, _MIN_GAP_STEPS = 300.0, 10.0  # a longer gap without counts begins a new lock
-_MIN_PASS_COUNTS = 10  # counts from which a pass has a scatter of its own
-_WRONG_SIGNAL_MIN_COUNTS = 3  # consecutive counts with one sign of the error; a slip changes one
-_WRONG_SIGNAL_MIN_SIGMAS = 30.0  # smaller errors can be the troposphere near the horizon
-_WRONG_SIGNAL_MIN_RATE_M_S = 0.03  # 1e-10 of the frequency; smaller lasting errors are those of the model
-_ROUNDING_M = 1e-6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,12 +74,13 @@ class EditedFit:
     def status(self) -> Labels:
         """:data:`USED`, or the reason for the rejection, of each of n observations."""
         rejected = np.flatnonzero(self.initial_status.are(USED) & ~self.fit.used)
-        residual_m = self.fit.residual_m[rejected]
-        expected_m = self.fit.sigma_m[rejected] * max(1.0, self.robust_scale)
-        sizes = zip(rejected.tolist(), residual_m.tolist(), expected_m.tolist(), strict=True)
-        return with_reasons(
-            self.initial_status, {row: self.reasons.get(row) or outlier_reason(*size) for row, *size in sizes}
-        )
+        residual_m = self.fit.residual_m[rejected].tolist()
+        expected_m = (self.fit.sigma_m[rejected] * max(1.0, self.robust_scale)).tolist()
+        reasons = {
+            row: self.reasons.get(row) or outlier_reason(residual_m[k], expected_m[k])
+            for k, row in enumerate(rejected.tolist())
+        }
+        return with_reasons(self.initial_status, reasons)
 
     @property
     def outliers(self) -> NDArray[np.bool_]:
@@ -111,87 +111,98 @@ def fit_with_editing(
     previous: EditedFit | None = None,
     start: Floats | None = None,
 ) -> EditedFit:
-    """Fit parameters and reject outliers, observations whose residuals exceed a threshold in expected sigmas.
+    """Estimate parameters and reject outliers until the set of used observations stays the same.
 
-    A robust estimate, or `previous`, gives the first selection. Fit and selection then alternate until the selection
-    stays the same. The limit of residuals scales with the median spread of all usable observations, so rejections do
-    not tighten it. `status` has the reasons why observations are not usable; without a threshold none is rejected.
+    `status` (n,) gives the reasons why observations are not usable, `threshold` is in sigmas (None rejects nothing),
+    and `previous` is a fit whose residuals replace the robust estimate.
     """
     if threshold is not None and not threshold >= _MIN_THRESHOLD:
         raise InputError(f"threshold: expected {_MIN_THRESHOLD:g} sigmas or more, got {threshold}")
     if previous is None:
         x = parameters.prior_values if start is None else start
-        at_x = evaluate(residual_function, x)
+        linearization = evaluate(residual_function, x)
     else:
-        x, at_x = previous.fit.x, previous.fit.linearization
-    process = getattr(at_x, "process", None)
-    n = len(at_x.residual_m)
+        x, linearization = previous.fit.x, previous.fit.linearization
+    n = len(linearization.residual_m)
     noise = ObservationCovariance.from_sigma(sigma_m, n)
     initial_status = _initial_labels(status, n)
     usable = initial_status.are(USED)
     usable_count = int(usable.sum())
-    # Parameters with a-priori information take no observation.
+    # A parameter with a-priori information needs no observation.
     free_count = int((parameters.free & np.isinf(parameters.prior_sigmas)).sum())
 
-    def fit(used: NDArray[np.bool_], start: Floats, at_start: Linearization) -> FitResult:
+    def fit(used: NDArray[np.bool_], x: Floats, linearization: Linearization) -> FitResult:
         return fit_least_squares(
-            residual_function, parameters, noise, used=used, start=start, linearization=at_start
+            residual_function, parameters, noise, used=used, start=x, linearization=linearization
         )
 
-    def spread(residual_m: Floats) -> float:
+    def scale_of(residual_m: Floats) -> float:
         return robust_scale(residual_m[usable] / noise.sigma_m[usable], free_count)
 
     # An outlier is detectable only if the other observations are redundant.
     max_rejected = min(int(_MAX_REJECTED_FRACTION * usable_count), usable_count - free_count - 1)
     if threshold is None or max_rejected < 1:
-        result = fit(usable, x, at_x)
-        return EditedFit(result, initial_status, spread(result.residual_m))
+        result = fit(usable, x, linearization)
+        return EditedFit(result, initial_status, scale_of(result.residual_m))
 
+    process = getattr(linearization, "process", None)
     if previous is not None:
         residual_m = previous.fit.residual_m
     elif process is not None:  # an orbit starts near the estimate
-        residual_m = at_x.residual_m - process.effects_m(process.reference)
+        residual_m = linearization.residual_m - process.effects_m(process.reference)
     else:
-        x, at_x = robust_start(residual_function, parameters, noise.sigma_m, usable, at_x, x)
-        residual_m = at_x.residual_m
-    scale = spread(residual_m)
+        x, linearization = robust_start(
+            residual_function, parameters, noise.sigma_m, usable, linearization, x
+        )
+        residual_m = linearization.residual_m
+    scale = scale_of(residual_m)
+    last_fit = None if previous is None else previous.fit
     selections: list[NDArray[np.bool_]] = []
-    previous_fit = None if previous is None else previous.fit
     while True:
         limit_m = threshold * max(1.0, scale) * noise.sigma_m
-        # The leverage of process noise is not in the partials.
-        if previous_fit is not None and process is None:
-            limit_m = _studentized_limits(previous_fit, residual_m, limit_m, usable)
+        if (
+            last_fit is not None and process is None
+        ):  # the partials do not contain the leverage of process noise
+            limit_m = _studentized_limits(last_fit, residual_m, limit_m, usable)
         used = usable & (np.abs(residual_m) <= limit_m)
         if selections and np.array_equal(used, selections[-1]):
             return EditedFit(result, initial_status, scale, len(selections))
-        used, message = _break_rejection_cycle(used, selections)
-        complete = True
-        rejected_count = usable_count - int(used.sum())
+        selection = _break_rejection_cycle(used, selections)
+        rejected_count = usable_count - int(selection.used.sum())
         if rejected_count > max_rejected:
-            used, complete = usable, False
             message = (
                 f"{rejected_count} of {usable_count} observations exceed {threshold:g} sigmas, more than the limit of "
                 f"{max_rejected}, so none is rejected: check stations, sigmas and model"
             )
+            selection = _Selection(usable, message, complete=False)
         elif len(selections) >= _MAX_PASSES:
-            complete, message = False, f"the editing did not settle in {_MAX_PASSES} passes"
-        previous_fit = result = fit(used, x, at_x)
-        scale = spread(result.residual_m)
-        selections.append(used)
-        if message or result.status in (FitStatus.DIVERGED, FitStatus.MAX_ITERATIONS):
-            return EditedFit(result, initial_status, scale, len(selections), complete, message)
-        x, at_x, residual_m = result.x, result.linearization, result.residual_m
+            message = f"the editing did not settle in {_MAX_PASSES} passes"
+            selection = _Selection(selection.used, message, complete=False)
+        last_fit = result = fit(selection.used, x, linearization)
+        scale = scale_of(result.residual_m)
+        selections.append(selection.used)
+        if selection.message or result.status in (FitStatus.DIVERGED, FitStatus.MAX_ITERATIONS):
+            return EditedFit(
+                result, initial_status, scale, len(selections), selection.complete, selection.message
+            )
+        x, linearization, residual_m = result.x, result.linearization, result.residual_m
+
+
+class _Selection(NamedTuple):
+    """Observations to use in the next fit, which is the last if there is a message."""
+
+    used: NDArray[np.bool_]
+    message: str = ""
+    complete: bool = True
 
 
 def _studentized_limits(
     fit: FitResult, residual_m: Floats, limit_m: Floats, usable: NDArray[np.bool_]
 ) -> Floats:
-    """Limits of studentized residuals (n,), m (Baarda 1968).
+    """Multiply limits (n,) by sqrt(1 - h), or sqrt(1 + h) for rejected observations.
 
-    With the leverage h, the variance of the residual of an observation of variance s^2 is (1 - h) s^2, or (1 + h) s^2
-    if it is rejected. With limits of unscaled residuals, rejections of observations of high leverage would depend on
-    the start of the fit (`tests/unit/jobs/test_locate.py`).
+    With limits of unscaled residuals, rejections of observations of high leverage would depend on the start of the fit
+    (`tests/unit/jobs/test_locate.py`). Only residuals near their limit or beyond are scaled.
     """
     order = row_order(fit.linearization)
     large = order[(usable & (np.abs(residual_m) > _MIN_STUDENTIZED_RATIO * limit_m))[order]]
@@ -204,35 +215,26 @@ def _studentized_limits(
     return limit_m
 
 
-def _break_rejection_cycle(
-    used: NDArray[np.bool_], selections: list[NDArray[np.bool_]]
-) -> tuple[NDArray[np.bool_], str]:
-    """Return the selection; for one that repeats, the intersection of its cycle with a message.
+def _break_rejection_cycle(used: NDArray[np.bool_], selections: list[NDArray[np.bool_]]) -> _Selection:
+    """Return a new selection as it is; for an earlier one, the intersection of the cycle that it begins.
 
     Without this rule, the editing of residuals with heavy tails can alternate for ever, in 5 of 200 cases of
     `tests/unit/estimation/test_editing.py`.
     """
     start = next((k for k, selection in enumerate(selections) if np.array_equal(used, selection)), None)
     if start is None:
-        return used, ""
+        return _Selection(used)
     cycle = np.array(selections[start:])
     common = np.asarray(cycle.all(axis=0))
     count = int((cycle.any(axis=0) & ~common).sum())
-    return (
-        common,
-        f"{count} observations at the outlier limit alternate between used and rejected; all are rejected",
+    message = (
+        f"{count} observations at the outlier limit alternate between used and rejected; all are rejected"
     )
-
-
-def with_reasons(status: Labels, reasons: Mapping[int, str]) -> Labels:
-    """Return labels with the reasons of some rows in place of their texts."""
-    codes = status.codes.copy()
-    codes[list(reasons)] = len(status.texts) + np.arange(len(reasons))
-    return Labels.coded((*status.texts, *reasons.values()), codes)
+    return _Selection(common, message)
 
 
 def _initial_labels(status: ArrayLike | Labels | None, n: int) -> Labels:
-    """Labels of n observations before the fit; an empty text is :data:`USED`."""
+    """Return the labels of n observations before the fit; an empty text becomes :data:`USED`."""
     if status is None:
         return Labels(np.zeros(n, dtype=np.int32), (USED,))
     labels = Labels.from_texts(status)
@@ -241,22 +243,22 @@ def _initial_labels(status: ArrayLike | Labels | None, n: int) -> Labels:
     return Labels.coded([text or USED for text in labels.texts], labels.codes)
 
 
+def with_reasons(status: Labels, reasons: Mapping[int, str]) -> Labels:
+    """Return labels with other texts in some rows."""
+    codes = status.codes.copy()
+    codes[list(reasons)] = len(status.texts) + np.arange(len(reasons))
+    return Labels.coded((*status.texts, *reasons.values()), codes)
+
+
 def outlier_reason(residual_m: float, expected_m: float) -> str:
-    """Reason for a rejection by size, such as "outlier: 19.021 m is 612 times its expected 0.031 m"."""
+    """Return a rejection by size in words, such as "outlier: 19.021 m is 612 times its expected 0.031 m"."""
     ratio = abs(residual_m) / expected_m
     times = f"{ratio:.0f}" if ratio >= 100.0 else f"{ratio:.3g}"
     return f"outlier: {_format_length(abs(residual_m))} m is {times} times its expected {_format_length(expected_m)} m"
 
 
-def _format_length(value_m: float) -> str:
-    """Format a length to the millimetre, or to two digits if that is finer."""
-    if value_m >= 0.01:
-        return f"{value_m:.3f}"
-    return np.format_float_positional(value_m, precision=2, unique=False, fractional=False)
-
-
 def outlier_runs(edited: EditedFit, order: SeriesOrder) -> list[Rows]:
-    """Rows, in order of time, of each run of outliers: successive ones of a series with residuals of one sign."""
+    """Find runs of outliers: successive rows of a series, in order of time, with residuals of one sign."""
     rows = order.order[edited.initial_status.are(USED)[order.order]]
     outlier = edited.outliers[rows]
     is_first = changed(order.code[rows], np.where(outlier, np.sign(edited.fit.residual_m[rows]), 0.0))
@@ -265,86 +267,18 @@ def outlier_runs(edited: EditedFit, order: SeriesOrder) -> list[Rows]:
 
 
 def run_reasons(edited: EditedFit, runs: Iterable[Rows]) -> dict[int, str]:
-    """Reason, by row, for the rejection of the observations of runs of outliers."""
+    """Return the reason, by row, for the rejection of each observation of runs of outliers."""
     reasons = dict[int, str]()
     for rows in runs:
         mean_m = float(edited.fit.residual_m[rows].mean())
-        size = f"{'-' if mean_m < 0.0 else '+'}{_format_length(abs(mean_m))} m"
-        reasons |= dict.fromkeys(
-            rows.tolist(), f"outlier, one of {len(rows)} in succession, {size} in the mean"
-        )
+        sign = "-" if mean_m < 0.0 else "+"
+        text = f"outlier, one of {len(rows)} in succession, {sign}{_format_length(abs(mean_m))} m in the mean"
+        reasons |= dict.fromkeys(rows.tolist(), text)
     return reasons
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class PhaseCounts:
-    """Phase counts of n observations; NaN for observations of other types."""
-
-    count_s: Floats  # (n,), count interval
-    cycle_m: Floats  # (n,), wavelength of the downlink, by which a cycle changes the value
-
-
-def phase_faults(edited: EditedFit, order: SeriesOrder, counts: PhaseCounts) -> dict[int, str]:
-    """Reasons, by row, of counts with a cycle slip and of rejected counts of a wrong signal.
-
-    Residuals are compared with the scatter of their pass. Compared with the stated sigmas, slips
-    of one cycle would stay in the fit, and rejected counts before the lock would have no cause
-    (`tests/unit/estimation/test_phase_editing.py`).
-    """
-    usable = edited.initial_status.are(USED) & ~np.isnan(counts.count_s)
-    rows = order.order[usable[order.order]]
-    code, time_s = order.code[rows], order.time_s[rows]
-    reasons: dict[int, str] = {}
-    for series in np.split(np.arange(len(rows)), np.flatnonzero(np.diff(code)) + 1) if len(rows) else ():
-        steps_s = np.diff(time_s[series])
-        median_step_s = float(np.median(steps_s)) if len(steps_s) else 0.0
-        gap = steps_s > max(_MIN_GAP_S, _MIN_GAP_STEPS * median_step_s)
-        for pass_rows in np.split(rows[series], np.flatnonzero(gap) + 1):
-            reasons |= dict(_pass_faults(edited, pass_rows, counts))
-    return reasons
-
-
-def _pass_faults(edited: EditedFit, rows: Rows, counts: PhaseCounts) -> Iterator[tuple[int, str]]:
-    """Rows and reasons of one pass in order of time."""
-    residual_m, used = edited.fit.residual_m[rows], edited.fit.used[rows]
-    sigma_m = edited.fit.sigma_m[rows] * max(1.0, edited.robust_scale)
-    if used.sum() >= _MIN_PASS_COUNTS:
-        residual_m = residual_m - np.median(residual_m[used])
-        sigma_m = np.clip(robust_scale(residual_m[used], 1), _ROUNDING_M, sigma_m)
-    cycle_m = counts.cycle_m[rows]
-    cycles = np.rint(residual_m / cycle_m)
-    cycle_count = np.abs(cycles)
-    is_whole = np.abs(residual_m - cycles * cycle_m) <= _SLIP_TOLERANCE_SIGMAS * sigma_m
-    is_slip = (
-        is_whole
-        & (cycle_count >= 1.0)
-        & (cycle_count <= _SLIP_MAX_CYCLES)
-        & (_SLIP_TOLERANCE_SIGMAS * sigma_m <= _SLIP_MAX_TOLERANCE_CYCLES * cycle_m)
-    )
-    for run in np.split(np.arange(len(rows)), np.flatnonzero(np.diff(used)) + 1):
-        offset_m = residual_m[run]
-        at_border = run[0] == 0 or run[-1] == len(rows) - 1
-        is_large = (
-            np.median(np.abs(offset_m) / np.maximum(sigma_m[run], _ROUNDING_M)) > _WRONG_SIGNAL_MIN_SIGMAS
-        )
-        has_one_sign = len(run) >= _WRONG_SIGNAL_MIN_COUNTS and abs(np.sign(offset_m).sum()) == len(run)
-        rate_m_s = float(np.median(offset_m / counts.count_s[rows[run]]))
-        is_frequency = is_large and abs(rate_m_s) > _WRONG_SIGNAL_MIN_RATE_M_S
-        if not used[run[0]] and is_frequency and (has_one_sign or (at_border and not is_slip[run].any())):
-            cause = "not locked to the uplink" if at_border else "not locked to this uplink for a while"
-            for row in run.tolist():
-                yield int(rows[row]), f"{cause}: {_format_frequency(rate_m_s, float(cycle_m[row]))} off"
-        else:
-            for row in run[is_slip[run]].tolist():
-                yield (
-                    int(rows[row]),
-                    f"cycle slip of {cycle_count[row]:.0f} cycle{'s' * int(cycle_count[row] > 1.0)}",
-                )
-
-
-def _format_frequency(rate_m_s: float, cycle_m: float) -> str:
-    """Format an error of the range rate as a frequency, or as a rate without a wavelength."""
-    if np.isnan(cycle_m):
-        return f"{abs(rate_m_s):.3g} m/s"
-    frequency_hz = abs(rate_m_s) / cycle_m
-    return f"{1e-3 * frequency_hz:.3g} kHz" if frequency_hz >= 1e3 else f"{frequency_hz:.3g} Hz"
+def _format_length(value_m: float) -> str:
+    """Format a length to the millimetre, or to two digits if that is finer."""
+    if value_m >= 0.01:
+        return f"{value_m:.3f}"
+    return np.format_float_positional(value_m, precision=2, unique=False, fractional=False)

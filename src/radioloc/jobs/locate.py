@@ -13,13 +13,8 @@ from numpy.typing import NDArray
 
 from radioloc.errors import InputError
 from radioloc.estimation.consider import ConsideredErrors
-from radioloc.estimation.editing import (
-    EditedFit,
-    PhaseCounts,
-    fit_with_editing,
-    phase_faults,
-    with_reasons,
-)
+from radioloc.estimation.editing import EditedFit, fit_with_editing, with_reasons
+from radioloc.estimation.phase_editing import PhaseCounts, phase_faults
 from radioloc.estimation.status import Doubt, FitStatus
 from radioloc.estimation.variance_components import fit_with_variance_components
 from radioloc.jobs.mistakes import with_mistake

@@ -9,7 +9,8 @@ from change5_case import LANDER, NEAR
 import radioloc
 from radioloc import Study
 from radioloc.estimation import Labels, Parameter, ParameterSet
-from radioloc.estimation.editing import PhaseCounts, fit_with_editing, phase_faults
+from radioloc.estimation.editing import fit_with_editing
+from radioloc.estimation.phase_editing import PhaseCounts, phase_faults
 from radioloc.estimation.series import SeriesOrder
 from radioloc.measurements import PhysicalModel
 from radioloc.simulation import Noise, NoiseModel, Scenario, Schedule, Session, Truth, two_way

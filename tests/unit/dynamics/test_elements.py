@@ -107,13 +107,3 @@ def test_elements_outside_of_ellipses(changes, words):
 def test_states_without_elements(state, form):
     with pytest.raises(InputError, match="elliptic or hyperbolic"):
         elements_from_state(state, GM, np.eye(3), form)
-
-
-def test_forms_and_numbers_of_elements():
-    with pytest.raises(InputError, match="got 'Keplerian'"):
-        elements_from_state([1.8e6, 0.0, 0.0, 0.0, 1650.0, 0.0], GM, np.eye(3), "Keplerian")
-    with pytest.raises(InputError, match="got 'delaunay'"):
-        state_from_elements(KEPLERIAN[0], GM, np.eye(3), "delaunay")
-    for form in FORMS:
-        with pytest.raises(InputError, match="six finite numbers"):
-            state_from_elements([1.8e6], GM, np.eye(3), form)

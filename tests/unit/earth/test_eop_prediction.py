@@ -42,20 +42,6 @@ def test_goes_on_from_the_last_day(measured, method):
     assert at(table, last + 2999.0).predicted[0]
 
 
-def test_holding_keeps_the_pole_and_the_length_of_day(measured):
-    table = extended(measured[0], "hold")
-    last = measured[0].mjd_utc[-1]
-    later = at(table, last + np.array([0.0, 100.0, 2000.0]))
-    np.testing.assert_allclose(later.xp_rad, later.xp_rad[0], rtol=0, atol=1e-18)
-    np.testing.assert_allclose(later.dx_rad, later.dx_rad[0], rtol=0, atol=1e-18)
-    without_tides = table.interpolate(
-        utc_to_tt(Epochs.from_jd(2400000.5, last + np.array([-1.0, 0.0, 100.0]), "UTC")), zonal=False
-    ).ut1_minus_tt_s
-    # Zonal tides of up to 0.16 s (18.6 years) change by 2 ms in so long, and by 0.2 ms in a day.
-    expected = (without_tides[1] - without_tides[0]) * 100.0
-    assert without_tides[2] - without_tides[1] == pytest.approx(expected, abs=0.03)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("method", BEYOND)
 def test_errors_are_those_of_the_same_done_before(method):

@@ -5,7 +5,6 @@ from radioloc.earth.geodesy import (
     geodetic_from_itrf,
     itrf_from_geodetic,
     rot_itrf_to_enu,
-    rot_itrf_to_spherical_enu,
 )
 from radioloc.errors import InputError
 
@@ -51,16 +50,6 @@ def test_local_axes_are_those_of_finite_steps() -> None:
         np.testing.assert_allclose(rot @ unit, np.eye(3)[axis], rtol=0.0, atol=1e-9)
     np.testing.assert_allclose(rot @ rot.T, np.eye(3), rtol=0.0, atol=ROUNDING)
     assert np.linalg.det(rot) == pytest.approx(1.0, abs=ROUNDING)
-
-
-def test_spherical_up_is_radial_and_east_the_same() -> None:
-    points_m = itrf_from_geodetic([2.1, -0.4], [0.55, -1.2], 300.0)
-    rot = rot_itrf_to_spherical_enu(points_m)
-    radial = points_m / np.linalg.norm(points_m, axis=-1)[:, np.newaxis]
-    np.testing.assert_allclose(rot[:, 2], radial, rtol=0.0, atol=ROUNDING)
-    np.testing.assert_allclose(rot[:, 0], rot_itrf_to_enu(points_m)[:, 0], rtol=0.0, atol=ROUNDING)
-    tilt_deg = np.rad2deg(np.arccos(np.einsum("ni,ni->n", rot[:, 2], rot_itrf_to_enu(points_m)[:, 2])))
-    assert ((tilt_deg > 0.1) & (tilt_deg < 0.193)).all()
 
 
 def test_refuses() -> None:

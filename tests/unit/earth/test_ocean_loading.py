@@ -14,7 +14,6 @@ from radioloc.earth.ocean_loading import (
     tidal_potential,
 )
 from radioloc.earth.stations import StationCatalogue
-from radioloc.errors import InputError
 from radioloc.time import Epochs
 
 ROUNDING_M = 1e-15
@@ -33,12 +32,6 @@ def test_table_of_the_tidal_potential() -> None:
     assert len({tuple(row) for row in multipliers}) == len(multipliers) == 342
     expected = (0.632208, 0.294107, 0.121046, 0.079915, 0.368645, -0.262232, -0.121995, -0.050208)
     assert equilibrium_m[columns].tolist() == [*expected, -0.066607, -0.035184, -0.030988]
-
-
-def test_given_tides_keep_their_amplitudes() -> None:
-    found_m = np.abs((loading_enu_m(SHANGHAI) @ amplitudes_by_given())[:, given_columns()[2]])
-    expected_m = SHANGHAI.amplitude_m[[1, 2, 0]]  # up, west, south in the record
-    np.testing.assert_allclose(found_m, expected_m, rtol=0.0, atol=ROUNDING_M)
 
 
 def test_equal_admittance_gives_the_equilibrium_tide() -> None:
@@ -107,8 +100,3 @@ def test_dense_epochs_are_each_as_if_alone():
     single_sums = [sum_of_tides(loading_enu_m(SHANGHAI), tt[k], tt.fraction[k : k + 1]) for k in range(100)]
     assert np.abs(sums).max() > 5e-3
     np.testing.assert_allclose(sums[:100], np.concatenate(single_sums), rtol=0.0, atol=1e-11)
-
-
-def test_wants_tt() -> None:
-    with pytest.raises(InputError, match="TT"):
-        sum_of_tides(TIDAL_GEOCENTRE_M, Epochs.from_jd(2456000.5, 0.0, "UT1"), np.zeros(1))

@@ -4,7 +4,6 @@ import pytest
 from radioloc.constants import ARCSEC_RAD
 from radioloc.earth.geodesy import rot_itrf_to_spherical_enu
 from radioloc.earth.solid_tide import pole_tide_displacement, secular_pole_rad
-from radioloc.errors import InputError
 from radioloc.time import Epochs
 
 RADIUS_M = 6371000.0
@@ -65,8 +64,3 @@ def test_secular_pole() -> None:
     tt = Epochs.from_jd([2451545.0, TT.jd[0]], [0.0, TT.fraction[0]], "TT")
     pole_arcsec = secular_pole_rad(tt) / ARCSEC_RAD
     np.testing.assert_allclose(pole_arcsec, [(0.055, 0.3205), SECULAR_ARCSEC], rtol=0.0, atol=1e-12)
-
-
-def test_wants_tt() -> None:
-    with pytest.raises(InputError, match="TT"):
-        pole_tide_displacement(np.eye(1, 3), 0.0, 0.0, Epochs.from_jd(2451545.0, 0.0, "UTC"))

@@ -13,8 +13,6 @@ from radioloc.time import Epochs
 EXACT_M = 1e-8
 """Rounding of a coordinate of an Earth radius, and of its motion over decades."""
 
-EUROPEAN, AUSTRALIAN = "European VLBI Network", "Long Baseline Array"
-
 APOLLO_2000_M = np.array([-1463998.9079, -5166632.7663, 3435012.8921])
 
 
@@ -87,14 +85,6 @@ def test_found_whatever_the_name(station: str, names: list) -> None:
     assert all(name in catalogue for name in names)
 
 
-def test_telescopes_are_found_by_the_two_letters_of_vlbi() -> None:
-    telescopes = [s for s in StationCatalogue.default() if s.kind == "vlbi" and s.frame == "ITRF2014"]
-    assert {s.complex for s in telescopes} == {EUROPEAN, AUSTRALIAN}
-    codes = "EfMcMhNtOnWzYsSvZcBdHhHtHbHoKeYgPaWw"
-    stations = [StationCatalogue.default().get(codes[k : k + 2]) for k in range(0, len(codes), 2)]
-    assert stations == telescopes
-
-
 def test_the_telescopes_of_a_site_move_together_and_none_up_by_more_than_a_centimetre_a_year() -> None:
     """A sign or a digit wrong of a velocity would show."""
     catalogue = StationCatalogue.default()
@@ -137,13 +127,6 @@ def test_every_network_has_stations_of_its_own(network: str) -> None:
     assert catalogue.members(network.lower()) == catalogue.members(network)
 
 
-def test_members_of_the_deep_space_network() -> None:
-    members = StationCatalogue.default().members("DSN")
-    assert {station.name for station in members} == {
-        n for n in StationCatalogue.default().names if "DSS" in n
-    }
-
-
 def test_unknown_station_says_what_is_close() -> None:
     catalogue = StationCatalogue.default()
     assert "APOLO" not in catalogue
@@ -176,12 +159,6 @@ def test_position_moves_linearly() -> None:
     np.testing.assert_allclose(grasse.position_at(at_2015)[0], grasse.itrf_m, rtol=0.0, atol=EXACT_M)
 
 
-def test_position_without_velocity_stands_still() -> None:
-    kashi = StationCatalogue.default()["KASHI"]
-    positions = kashi.position_at(Epochs.from_jd([2440000.5, 2460000.5], 0.0, "TT"))
-    np.testing.assert_array_equal(positions, np.tile(kashi.itrf_m, (2, 1)))
-
-
 def make_station(**changes: object) -> Station:
     fields: dict[str, object] = {
         "name": "MINE",
@@ -201,9 +178,6 @@ def make_station(**changes: object) -> Station:
         ({"name": " "}, "needs a name"),
         ({"mount": "altaz"}, "mount 'altaz' is not one of azimuth_elevation, equatorial"),
         ({"axis_offset_m": 2130.0}, "no antenna has an axis offset of 2130"),
-        ({"axis_offset_m": np.nan}, "axis_offset_m: expected a finite number, got nan"),
-        ({"kind": "radio"}, "kind 'radio'"),
-        ({"quality": "good"}, "quality 'good'"),
         ({"frame": "WGS72"}, "frame 'WGS72' is not one of ITRF2020, ITRF2014"),
         ({"epoch_year": float("nan")}, "epoch_year: expected a finite number"),
         ({"itrf_m": [6378.137, 0.0, 0.0]}, "these are kilometres"),
@@ -211,8 +185,6 @@ def make_station(**changes: object) -> Station:
             {"itrf_m": [3942516.9, 4870627.6, 1151367.6]},
             "-6242 m .* with y and z exchanged it would be at 5580 m",
         ),
-        ({"itrf_m": [0.0, 6378137.0 - 2e3, 0.0]}, "-2000 m above the ellipsoid"),
-        ({"itrf_m": [6378137.0, 0.0]}, "three finite"),
         ({"velocity_m_yr": [0.0, float("inf"), 0.0]}, "three finite"),
     ],
 )

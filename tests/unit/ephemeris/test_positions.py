@@ -26,13 +26,6 @@ def epochs():
     return Epochs.from_jd(2440222.5 + rng.integers(3, 29580, 200), rng.uniform(0, 1, 200), "TDB")
 
 
-def test_what_is_opened(ephemeris):
-    assert ephemeris.name == "DE421"
-    assert ephemeris.constants is CONSTANTS["DE421"]
-    assert ephemeris.kernel.registered
-    assert set(ephemeris.bodies) == set(BODIES)
-
-
 def test_velocity_and_acceleration_are_derivatives(ephemeris, epochs):
     step_s = 600.0
     ahead, behind = ephemeris.earth(epochs.shifted(step_s)), ephemeris.earth(epochs.shifted(-step_s))
@@ -53,13 +46,6 @@ def test_acceleration_is_newtons(ephemeris, epochs):
     np.testing.assert_allclose(
         ephemeris.earth(epochs).acceleration_m_s2, total, rtol=0, atol=OTHER_PLANETS_M_S2
     )
-
-
-def test_states_together_are_those_alone(ephemeris, epochs):
-    earth, bodies = ephemeris.states(tuple(BODIES), epochs)
-    np.testing.assert_array_equal(earth.acceleration_m_s2, ephemeris.earth(epochs).acceleration_m_s2)
-    for body in BODIES:
-        np.testing.assert_array_equal(bodies[body], ephemeris.geocentric(body, epochs))
 
 
 def test_acceleration_does_not_jump_between_records(ephemeris):

@@ -155,28 +155,6 @@ def test_filter_continues_over_parts_with_other_columns(monkeypatch):
     np.testing.assert_allclose(renewed.step(0.0), dense.step(0.0), rtol=0.0, atol=1e-9)
 
 
-def test_what_is_said_of_the_noise_is_as_stated():
-    case = TwoSeries()
-    edited, result = case.fits()
-    fit = result.fit
-    assert fit.noise is edited.fit.noise
-    np.testing.assert_array_equal(fit.sigma_m, case.sigma)
-    prior = float(fit.x @ case.prior @ fit.x)
-    assert fit.chi2 == pytest.approx(float(((fit.residual_m / case.sigma) ** 2).sum()) + prior, rel=1e-9)
-    assert fit.chi2 >= edited.fit.chi2
-    assert fit.dof == edited.fit.dof
-
-
-def test_outliers_are_judged_by_the_stated_sigmas():
-    case = TwoSeries()
-    case.observed[700] += 12.0  # eight of its sigmas, below two of those it is weighed with
-    edited, result = case.fits()
-    assert result.series_weights
-    assert not result.fit.used[700]
-    np.testing.assert_array_equal(result.fit.used, edited.fit.used)
-    assert result.series_weights[0].count == int(edited.fit.used[:N].sum())
-
-
 def test_white_residuals_change_nothing():
     edited, result = TwoSeries(coloured=0.0).fits()
     assert result.series_weights == ()

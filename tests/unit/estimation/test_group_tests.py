@@ -110,15 +110,6 @@ def test_a_column_that_the_parameters_hold_already():
     assert binned.test(held) is None
 
 
-def test_a_step_that_the_parameters_hold_already():
-    *_, binned = problem(3, ObservationCovariance.from_sigma(1.0, 3 * N))
-    step = binned.columns({1: 1.0}, (600.0, np.inf))
-    with_step = binned.with_columns(step)
-    chi2 = with_step.chi2_of_steps({1: 1.0}, np.array([600.0, 660.0]))
-    assert with_step.test(step) is None
-    assert chi2[0] == 0.0 < chi2[1]
-
-
 def test_estimate_does_not_depend_on_the_size_of_a_column():
     """A scale factor of 1e8 m beside noise of as much, as of halved ranges, is a small column after whitening."""
     *_, binned = problem(3, ObservationCovariance.from_sigma(1.0, 3 * N))

@@ -179,13 +179,6 @@ def test_mean_correlation_in_a_bin():
     assert mean_correlation(0.0, np.array([3.0])).tolist() == [1.0]
 
 
-def test_few_observations_and_those_of_one_instant_have_bins_of_no_duration():
-    place, width_s = bins(np.array([0.0, 1.0, 5.0]), 5)
-    assert (place.tolist(), width_s) == ([0, 1, 2], 0.0)
-    place, width_s = bins(np.full(10, 7.0), 5)
-    assert (place.tolist(), width_s) == (np.repeat(np.arange(5), 2).tolist(), 0.0)
-
-
 @pytest.mark.parametrize("at_once", [4, 1000])
 def test_sums_of_bins_are_those_of_whitened_values(monkeypatch, at_once):
     """Twelve times two observations that are combined, in bins of some, so many at a time."""

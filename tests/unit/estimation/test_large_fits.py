@@ -95,17 +95,6 @@ def test_blocks_are_factorized_where_their_covariance_changes(monkeypatch):
         np.testing.assert_allclose(root @ covariance @ root.T, np.eye(6), rtol=0.0, atol=1e-12)
 
 
-def test_a_hundred_thousand_observations():
-    series = Series(100_000, excess_m=0.02, blunders=0.02)
-    solution = solved(series)
-    assert solution.converged
-    # Blunders below five of their sigmas cannot be told.
-    np.testing.assert_array_equal(~solution.residuals.used & ~series.bad, False)
-    assert (series.bad & solution.residuals.used).sum() < 0.01 * series.bad.sum()
-    assert solution.residuals.status[np.flatnonzero(~solution.residuals.used)[0]].startswith("outlier: ")
-    assert solution.time_correlation is None
-
-
 @pytest.mark.slow
 def test_a_million_observations_take_less_than_300_bytes_each():
     series = Series(1_000_000, excess_m=0.02, blunders=0.02)

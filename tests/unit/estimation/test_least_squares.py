@@ -6,7 +6,6 @@ from radioloc.errors import ConvergenceError, InputError
 from radioloc.estimation import FitStatus, Parameter, ParameterSet, least_squares
 from radioloc.estimation.editing import fit_with_editing
 from radioloc.estimation.least_squares import fit_least_squares
-from radioloc.estimation.linearization import DenseLinearization
 from radioloc.parameters.parameter import Role
 
 # Solving 5 well-conditioned unknowns in double precision; the closed form itself loses about 1e-12.
@@ -141,20 +140,6 @@ def test_iteration_limit_is_reported(monkeypatch):
     assert fit.iterations == 1
 
 
-def test_identical_columns_are_undetermined_and_not_inverted():
-    design, observed, sigma = linear()
-    design[:, 4] = design[:, 3]
-    fit = fit_least_squares(function(design, observed), free_parameters(5), sigma)
-    assert fit.status is FitStatus.UNOBSERVABLE
-    assert np.isinf(fit.sigmas[3:]).all()
-    reduced = fit_least_squares(function(design[:, :4], observed), free_parameters(4), sigma)
-    # What is determined is determined as if the surplus parameter were not there.
-    np.testing.assert_allclose(fit.sigmas[:3], reduced.sigmas[:3], rtol=LINEAR_RTOL)
-    np.testing.assert_allclose(fit.x[:3], reduced.x[:3], rtol=LINEAR_RTOL)
-    assert fit.x[3] + fit.x[4] == pytest.approx(reduced.x[3], rel=LINEAR_RTOL)
-    assert fit.dof == reduced.dof
-
-
 def test_what_is_undetermined_is_told_whatever_the_units():
     """A rate (1e-6 s) that acts as a bias does, and another that does nothing at all."""
     design, observed, sigma = linear()
@@ -211,18 +196,3 @@ def test_unusable_input_is_refused(kwargs, words):
     design, observed, sigma = linear()
     with pytest.raises(InputError, match=words):
         fit_least_squares(function(design, observed), free_parameters(5), **({"sigma_m": sigma} | kwargs))
-
-
-def test_unusable_models_are_refused():
-    design, observed, sigma = linear()
-    broken = np.where(np.arange(40) == 3, np.nan, observed)
-    with pytest.raises(InputError, match=r"1.*40.*3"):
-        fit_least_squares(function(design, broken), free_parameters(5), sigma)
-    holed = np.where(design == design[0, 1], np.nan, design)
-    with pytest.raises(InputError, match=r"p\.1"):
-        fit_least_squares(lambda x: (observed, holed), free_parameters(5), sigma)
-    with pytest.raises(InputError, match="do not belong to 4 parameters"):
-        fit_least_squares(lambda x: (observed, design), free_parameters(4), sigma)
-    column = DenseLinearization(observed[:, None], design)
-    with pytest.raises(InputError, match=r"\(40, 1\); \(n,\)"):
-        fit_least_squares(lambda x: column, free_parameters(5), sigma)

@@ -108,11 +108,6 @@ def test_drawn_counts_share_the_phase_between_them(count_s, lag):
 LANDER_PA_M = LANDER.to_axes("PA", PhysicalModel.build().ephemeris.constants).xyz_m
 
 
-def test_phase_noise_of_ranges_is_none():
-    with pytest.raises(InputError, match="noise of range: phase_m"):
-        NoiseModel({"range": Noise(phase_m=1.0)})
-
-
 def planned(phase_sigma_m, step_s=60.0):
     sessions = [session(step_s, 60.0), Session("range", two_way("KUNMING"), START, STOP, 600.0, 1.0)]
     noise = NoiseModel({"doppler": Noise(phase_m=0.003, white_m=0.0005), "range": Noise(white_m=1.0)})

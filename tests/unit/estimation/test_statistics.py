@@ -65,16 +65,6 @@ def test_selected_rows_keep_all_that_is_told_of_them(elevation_deg):
         replace(residuals, sigma_m=np.ones(1))
 
 
-def test_groups_are_sorted_and_complete():
-    labels = Labels.from_texts(["B", "A", "B", "C"])
-    groups = residuals(np.arange(4.0), np.ones(4), [True, True, False, True]).statistics_by(labels)
-    assert [(group.label, group.used, group.rejected) for group in groups] == [
-        ("A", 1, 0),
-        ("B", 1, 1),
-        ("C", 1, 0),
-    ]
-
-
 def test_rejected_observations_are_counted_by_reason_and_pass():
     n = 4000
     hour = np.where(np.arange(n) < n // 2, 0.0, 12.0) + np.arange(n) / n

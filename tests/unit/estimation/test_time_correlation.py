@@ -11,7 +11,7 @@ from radioloc.estimation.editing import fit_with_editing
 from radioloc.estimation.least_squares import fit_least_squares
 from radioloc.estimation.series import MAX_POINTS, SeriesOrder, independent_series, points_of
 from radioloc.estimation.time_correlation import assess_time_correlation, estimated_covariance
-from radioloc.noise import ALONE, whitening
+from radioloc.noise import ALONE
 from radioloc.noise.whitening import column
 from radioloc.simulation.noise import gauss_markov
 
@@ -59,13 +59,6 @@ def test_white_residuals_are_left_alone():
     assert assessed(*line(coloured=0.0)).series == ()
 
 
-def test_what_is_known_a_priori_alone_stays():
-    fit, *data = line(prior_sigma=1e-6)
-    result = assessed(fit, *data)
-    assert result.added_covariance[0, 0] < 1e-3 * fit.covariance[0, 0]
-    assert result.added_covariance[1, 1] > 5.0 * fit.covariance[1, 1]
-
-
 def test_an_undetermined_parameter_stays_undetermined():
     """Two that cannot be told apart have neither a variance that is known nor a part of it that is added."""
     fit, types, path, time_s = line()
@@ -108,17 +101,6 @@ def test_the_covariance_of_an_estimate_has_what_time_correlation_adds():
             # Processes that are not excluded add a little.
             assert (np.diag(added) >= 0.0).all()
             assert (np.diag(added) < 0.1 * np.diag(edited.fit.covariance)).all()
-
-
-def test_order_of_rows_and_size_of_parts_do_not_matter(monkeypatch):
-    fit, types, path, time_s = line()
-    result = assessed(fit, types, path, time_s).added_covariance
-    order = np.random.default_rng(1).permutation(len(time_s))
-    design, residual = fit.linearization.partials(order), fit.residual_m[order]
-    mixed = fit_least_squares(lambda x: (residual - design @ x, design), fit.parameters, 1.0)
-    monkeypatch.setattr(whitening, "ROWS_AT_ONCE", 333)
-    scaled = assessed(mixed, types, path.select(order), time_s[order]).added_covariance
-    np.testing.assert_allclose(scaled, result, rtol=0.0, atol=1e-6 * np.abs(result).max())
 
 
 def test_long_series_are_averaged_and_gaps_take_no_bins():

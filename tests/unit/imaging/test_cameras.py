@@ -115,12 +115,9 @@ def test_pixels_beyond_the_distorted_image_are_refused():
     ("make", "message"),
     [
         (lambda: Distortion("barrel", []), "distortion: expected .* 'barrel'"),
-        (lambda: Distortion("radial", [0.0]), "expected 3 finite numbers, k0, k1, k2"),
         (lambda: Distortion("brown", [np.nan]), "expected 1 to 5 finite"),
-        (lambda: camera("none", focal_length_mm=0.0), "focal_length_mm: expected a positive"),
         (lambda: camera("none", pixel_per_mm=[[1.0, 1.0], [1.0, 1.0]]), "pixel_per_mm: expected"),
         (lambda: Camera.of_pinhole(8.3, -6.7, [0.0, 0.0]), "pixel_size_um: expected a positive"),
-        (lambda: camera("none").directions([[1.0, 2.0, 3.0]]), "pixels: expected finite numbers"),
         (lambda: camera("none").pixels([[1.0, 2.0, np.inf]]), "directions: expected finite numbers"),
     ],
 )

@@ -123,20 +123,6 @@ def test_bits_photometric_interpretation_and_palette_are_applied(tmp_path):
         assert np.array_equal(read_mask(path), grey > 127), path.name
 
 
-def test_colours_of_a_palette_are_their_luma_and_transparent_ones_are_black(tmp_path):
-    colours = {0: (255, 0, 0, 255), 1: (255, 255, 255, 0), 2: (255, 255, 255, 255)}
-    image = np.repeat(np.array([0, 1, 2], np.uint8), 20).reshape(60, 1) * np.ones(80, np.uint8)
-    cv2.imwrite(str(tmp_path / "a.png"), image)
-    write_palette(tmp_path / "a.tif", {k: v[:3] for k, v in colours.items()}, image)
-    assert np.unique(read_frame(tmp_path / "a.tif")[[0, 20, 40]]).tolist() == [76, 255]
-    from PIL import Image
-
-    paletted = Image.fromarray(image, "P")
-    paletted.putpalette([c for k in range(3) for c in colours[k][:3]])
-    paletted.save(tmp_path / "a.png", transparency=1)
-    assert np.array_equal(read_frame(tmp_path / "a.png")[[0, 20, 40], 0], [76, 0, 255])
-
-
 @pytest.mark.parametrize(
     "values", [BINARY // 255, (BINARY // 255).astype(np.uint16), BINARY * np.uint16(257)]
 )

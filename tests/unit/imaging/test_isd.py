@@ -158,20 +158,15 @@ def changed(key, value):
     ("change", "message"),
     [
         (changed("name_model", "USGS_ASTRO_SAR_SENSOR_MODEL"), "name_model: expected"),
-        (changed("focal_length_model.focal_length", "long"), "focal_length: expected a finite"),
         (changed("focal_length_model.focal_length", -5.0), "focal_length_mm: expected a positive"),
         (changed("line_scan_rate", [[0.5, 0.0, -0.1]]), "line_times: expected rising"),
-        (changed("detector_line_summing", 1e-300), "got 1 and 1e-300"),
         (changed("optical_distortion", {"fisheye": {}}), "optical_distortion: expected .* 'fisheye'"),
-        (changed("instrument_position.unit", "miles"), "instrument_position.unit: .* 'miles'"),
         (changed("instrument_position.positions", [[1.0, 2.0, 3.0]]), "positions: expected 16 by 3"),
         (
             changed("instrument_pointing.quaternions", [[2.0, 0.0, 0.0, 0.0]] * 16),
             "quaternions: expected unit length",
         ),
         (changed("body_rotation.ephemeris_times", []), "rising times in body_rotation"),
-        (changed("instrument_position.ephemeris_times", [1e6 * k for k in range(16)]), "within 86400 s"),
-        (changed("sun_position.ephemeris_times", [0.0] * 4), "rising times in sun_position"),
         (changed("radii.semiminor", 900), "radii: expected"),
     ],
 )

@@ -147,15 +147,6 @@ def test_no_image_on_the_map_is_an_error(base, frames):
         register_chain(frames, base, map_sigma_m=MAP_M)
 
 
-@pytest.mark.slow
-def test_images_out_of_order_are_refused(base):
-    order = [0, 3, 1, 4]
-    with pytest.raises(InputError, match=r"0001\.png.*0003\.png"):
-        register_chain([SHORT.list[k] for k in order], base, map_sigma_m=MAP_M)
-    with pytest.raises(InputError, match=r"same name: \['0000\.png'\]"):
-        register_chain([SHORT.list[0], SHORT.list[0]], base, map_sigma_m=MAP_M)
-
-
 @pytest.mark.study
 def test_images_in_reversed_order_are_refused(base):
     with pytest.raises(InputError, match=r"reversed order: .*0006\.png"):
@@ -168,18 +159,6 @@ def test_search_area_restricts_the_map(base):
     np.testing.assert_allclose(SHORT.error_m(result.ground_point("0001.png"), 1), 0.0, rtol=0, atol=PLACE_M)
     with pytest.raises(InputError, match=r"longitude 10\.0000"):
         register_chain(SHORT.list[:2], base, map_sigma_m=MAP_M, search_area=(10.0, 44.12, 1500.0))
-
-
-@pytest.mark.slow
-def test_sigma_of_a_pixel_is_added_on_the_ground(base):
-    result = register_chain(SHORT.list[:2], base, map_sigma_m=MAP_M)
-    point = result.ground_point("0001.png", [100.0, 300.0])
-    np.testing.assert_allclose(
-        [point.longitude_deg, point.latitude_deg], SHORT.truth_deg(1, [100.0, 300.0]), rtol=0, atol=2e-5
-    )  # 0.6 m
-    measured = result.ground_point("0001.png", [100.0, 300.0], pixel_sigma=2.0)
-    added = np.sqrt(np.diag(measured.covariance_m2 - point.covariance_m2))
-    assert added == pytest.approx(2.0 * result.frames[1].pixel_m, abs=1.0)  # the image is tilted by a fifth
 
 
 @pytest.mark.slow

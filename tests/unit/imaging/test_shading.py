@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from radioloc.imaging.shading import brightness_of_slopes, lunar_lambert, sun_direction
+from radioloc.imaging.shading import lunar_lambert, sun_direction
 
 
 def test_lunar_lambert_law_by_hand():
@@ -12,15 +12,6 @@ def test_lunar_lambert_law_by_hand():
     cosine = np.cos(np.radians(30.0))
     expected = 2.0 * weight * cosine / (1.0 + cosine) + (1.0 - weight) * cosine
     assert lunar_lambert(cosine, 1.0, np.radians(30.0)) == pytest.approx(expected, rel=1e-14)
-
-
-@pytest.mark.parametrize("azimuth_deg", [0.0, 90.0, 200.0])
-def test_brightness_of_a_slope_by_its_angles(azimuth_deg):
-    sun = sun_direction(azimuth_deg, 40.0)
-    brightness = brightness_of_slopes(0.2, 0.1, sun)
-    normal = np.array([-0.2, -0.1, 1.0]) / np.sqrt(1.05)
-    expected = lunar_lambert(normal @ sun, normal[2], np.radians(50.0))
-    np.testing.assert_allclose(brightness, expected, rtol=1e-12)
 
 
 def test_direction_of_the_sun_by_its_angles():

@@ -169,18 +169,6 @@ def test_rays_that_leave_the_map_or_end_in_a_void_do_not_meet_the_ground(tmp_pat
     assert not Terrain(TerrainModel.open(hills)).intersect(-opposite.origins_m, -opposite.directions)[1].any()
 
 
-def test_gradient_at_a_pole(tmp_path):
-    steps_m = (np.arange(40) - 19.5) * 100.0
-    affine = Affine(100.0, 0.0, -2000.0, 0.0, -100.0, 2000.0)
-    plane = np.add.outer(-0.1 * steps_m, -0.2 * steps_m)
-    path = terrain_maps.write(tmp_path / "pole.tif", plane, f"+proj=stere +lat_0=90 +R={R_M}", affine)
-    terrain = Terrain(TerrainModel.open(path))
-    # North of the map is the meridian of 180 degrees.
-    for x_m in (0.0, 1e-6, 1e-3, 50.0):
-        gradient = terrain.gradient(np.array([[x_m, 0.0, R_M]]))[0]
-        np.testing.assert_allclose(gradient[:2], [0.1, 0.2], rtol=0, atol=1e-3)
-
-
 @pytest.mark.study
 def test_large_windows_are_split(monkeypatch, hills):
     terrain = TerrainModel.open(hills)

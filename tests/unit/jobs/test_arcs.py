@@ -156,36 +156,6 @@ def test_an_arc_without_observations(study, tracked):
         radioloc.arcs(replace(study, observations=choice), [3.0, 12.0], tracked)
 
 
-@pytest.mark.study
-def test_arcs_depart_from_the_longest_by_what_they_should(arc_study, study, tracked):
-    for row in arc_study.rows[1:3]:
-        assert row.from_longest_sigmas < 4.8  # 1e-5 of chance
-    assert "the sigmas are too small" not in str(arc_study)
-    # An error of ranges that lasts half a day: the residuals show it, and the sigmas hold it.
-    hours = 24.0 * (tracked.epoch.fraction + tracked.epoch.jd - tracked.epoch.jd[0])
-    wrong = np.where((tracked.types() == "range") & (hours > 30.0), 4.0, 0.0)
-    plain = replace(study, estimate=replace(study.estimate, weights="independent"))
-    bent = radioloc.arcs(plain, [24, 48], replace(tracked, value_m=tracked.value_m + wrong))
-    assert {item.name.split()[0] for item in bent.longest.time_correlation.series} == {"range"}
-    # The biases' a-priori sigmas, which stay, are half of the sigma.
-    assert bent.longest.correlation_factor > 1.3
-    assert "the sigmas are too small" not in str(bent)
-    weighed = radioloc.arcs(study, [24, 48], replace(tracked, value_m=tracked.value_m + wrong))
-    assert {item.name.split()[0] for item in weighed.longest.series_weights} == {"range"}
-    assert weighed.rows[0].sigma_north_m < bent.rows[0].sigma_north_m
-    # As if all residuals were independent of each other, they would not.
-    white = [
-        replace(
-            arc,
-            solution=replace(arc.solution, covariance=arc.solution.formal_covariance, time_correlation=None),
-        )
-        for arc in bent.arcs
-    ]
-    believed = replace(bent, arcs=tuple(white))
-    assert believed.rows[1].from_longest_sigmas > 5.0
-    assert "the sigmas are too small" in str(believed)
-
-
 def test_departure_is_that_of_two_independent_halves():
     """By hand: the mean of four values of variance 1 differs from that of the first two by variance 1/2 - 1/4."""
     complete, part = toy_pair(0.25), toy_pair(0.5)

@@ -87,11 +87,6 @@ def test_other_rows_stay_in_their_places():
     assert (len(separate), left_out) == (2, 4)
 
 
-def test_an_interval_that_is_no_multiple():
-    with pytest.raises(InputError, match=r"1.*2\.5"):
-        with_averaged_counts(counts([0.0, 1.0, 2.0]), 2.5)
-
-
 def test_in_a_study(tmp_path):
     write_table(tmp_path / "counts.csv", counts(np.arange(25.0)))
     (tmp_path / "study.toml").write_text(

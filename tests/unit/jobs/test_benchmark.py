@@ -141,15 +141,11 @@ def test_missing_or_changed_data_are_reported_and_the_recorded_entry_scored(tmp_
     ("content", "match"),
     [
         ({"results": {}}, "program"),
-        ({"program": "P"}, "results"),
         ({"program": "P", "results": {"other": place()}}, "lander"),
-        ({"program": "P", "results": {"lander": place() | {"sigma_m": [1.0, 2.0, 3.0, 4.0]}}}, "sigma_m"),
         ({"program": "P", "results": {"lander": place() | {"sigma_m": "x"}}}, "sigma_m"),
-        ({"program": "P", "results": {"lander": place() | {"sigma_m": -1.0}}}, "sigma_m"),
         ({"program": "P", "results": {"lander": place() | {"sigma_m": 0.0}}}, "above zero"),
         ({"program": "P", "results": {"lander": place() | {"covariance_m2": INDEFINITE}}}, "covariance_m2"),
         ({"program": "P", "results": {"lander": {"frame": "ICRF"}}}, "ICRF"),
-        ([], "object"),
     ],
 )
 def test_bad_entries_are_one_error(tmp_path, content, match):

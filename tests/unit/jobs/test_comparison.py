@@ -108,10 +108,6 @@ def test_places_on_one_map_share_its_tie(tmp_path):
             "[positions.a]\nframe = 'PA_DE421'\nlongitude_deg = 1.0\nlatitude_deg = 1.0\nheight_m = 0.0",
             "expected mean-Earth axes",
         ),
-        (
-            "[positions.a]\nmap = 'x'\nlongitude_deg = 1.0\nlatitude_deg = 1.0\nheight_m = 0.0",
-            "map: belongs to map_sigma_m",
-        ),
     ],
 )
 def test_stated_positions_that_cannot_be(tmp_path, text, problem):

@@ -10,7 +10,6 @@ from dense_noise import dense
 
 import radioloc
 from radioloc import cli
-from radioloc.earth.stations import StationCatalogue
 from radioloc.errors import InputError
 from radioloc.jobs.covariance import covariance
 from radioloc.measurements import PhysicalModel
@@ -187,19 +186,6 @@ def test_a_candidate_link_is_measured_as_its_session():
     scenario = dataclasses.replace(scenario, schedule=dataclasses.replace(schedule, sessions=[itself]))
     expected = covariance(dataclasses.replace(receives, simulation=scenario), 24.0)
     assert buys["station KASHI"] == pytest.approx(expected.longest.radius_95_m, rel=1e-6)
-
-
-@pytest.mark.slow
-def test_candidates_are_of_the_same_network_and_telescopes_also_of_the_same_country():
-    planned = covariance(study_of(vlbi=("JIAMUSI", "HARTRAO"), candidates=None, step_s=7200.0), [24.0])
-    stations = {
-        item.change.removeprefix("station ")
-        for item in planned.improvements
-        if item.change.startswith("station ")
-    }
-    close = ("China", "Chinese Deep Space Network", "European VLBI Network")
-    catalogue = [s for s in StationCatalogue.default() if s.country in close or s.complex in close]
-    assert stations == {s.name for s in catalogue} - {"JIAMUSI", "HARTRAO"}
 
 
 @pytest.mark.study

@@ -151,16 +151,6 @@ def test_errors_of_both_are_as_large_as_their_sigmas(tracking, forces):
     assert abs(state - 1.0) < 3.0 * np.sqrt(2.0 / 72.0)
 
 
-def test_residuals_of_both_are_at_their_a_priori_motions(tracking, forces, model):
-    study = study_of(forces)
-    solution = radioloc.compute_residuals(study, tracking)
-    orbit = study.orbiter.orbit(model, tracking, ())
-    computed = ExactPredictor(model, tracking, (APRIORI, orbit), targets=("lander", "craft")).compute()
-    np.testing.assert_allclose(
-        solution.residuals.residual_m, tracking.value_m - computed.value_m, rtol=0.0, atol=1e-3
-    )
-
-
 def test_a_study_file_names_a_lander_and_an_orbiter(tmp_path):
     (tmp_path / "table.csv").touch()
     (tmp_path / "both.toml").write_text(

@@ -1,7 +1,5 @@
 """From the last orbit through a powered descent to the lander: simulated, and found again in one least squares."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from descent import SITE, TOUCHDOWN, Descent
@@ -10,8 +8,6 @@ import radioloc
 from radioloc.errors import InputError
 from radioloc.lunar import LunarPosition
 from radioloc.measurements import ExactPredictor, FixedPoint, PhysicalModel
-from radioloc.study.study import Reference
-from radioloc.targets.descent import Ground
 from radioloc.time import epochs_from_strings, tt_to_tdb, utc_to_tt
 
 QUICK = Descent(before_s=1500.0, step_s=30.0, segment_s=30.0, planned_s=60.0, true_s=60.0, degree=4)
@@ -76,38 +72,6 @@ def test_results_have_both(solution):
     assert content["state"]["epoch_tdb"].startswith("2020-12-01T14:46:09")
 
 
-def test_partials_are_those_of_differences(scene):
-    study, simulated = scene
-    arc, _ = radioloc.jobs.preparation.prepared_arc(study, simulated.observations)
-    problem = radioloc.jobs.problem.EstimationProblem.from_study(study, arc, study.estimate).model
-    [descent] = problem.targets
-    x = descent.solved(apriori := np.array([*descent.orbit.values.values()]), apriori)
-    partials = problem.linearize(x).partials(np.arange(len(simulated.observations)))
-    for name, step in (("position.north", 5.0), ("touchdown_velocity.up", 0.01), ("force.plan_3.1.t", 1e-4)):
-        k = problem.parameters.index(name)
-        ends = [
-            problem.linearize(x + sign * step * (np.arange(len(x)) == k)).residual_m for sign in (1.0, -1.0)
-        ]
-        differences = (ends[1] - ends[0]) / (2.0 * step)
-        assert np.abs(partials[:, k] - differences).max() < 1e-4 * np.abs(differences).max(), name
-
-
-def test_residuals_are_those_of_the_a_priori_trajectory(scene):
-    study, observations = scene[0], scene[1].observations
-    result = radioloc.compute_residuals(
-        replace(study, reference=Reference(PLACE, "where it is")), observations
-    )
-    arc = radioloc.jobs.prepare_arc(study, observations)
-    expected_m = observations.value_m - arc.compute().value_m
-    np.testing.assert_allclose(result.residuals.residual_m, expected_m, atol=1e-3)
-    assert result.fit.total.rms_m > 10.0
-    assert not result.position_estimated
-    [orbit] = arc.trajectories
-    ends_pa_m = Ground(arc.model, orbit.touchdown).place_pa_m(orbit.state)
-    np.testing.assert_allclose(result.position_pa_m, ends_pa_m, atol=1e-3)
-    assert result.reference.name == "where it is"
-
-
 @pytest.mark.study
 def test_the_height_of_the_place_may_be_known(tmp_path, scene):
     prior = "[estimate.height_prior]\nheight_m = -2550.4\nsigma_m = 0.5"
@@ -142,11 +106,6 @@ def test_errors_of_gravity_are_in_the_sigmas_of_place_and_orbit(tmp_path, scene,
         ),
         (f'epoch = "{TOUCHDOWN}"', 'epoch = "2020-12-01T15:11:00"', r"plan_12.6 starts or stops at .* not"),
         ("every_s = 10.0, ", "every_s = 0.001, ", r"got 60000"),
-        (
-            "[simulation.forces]",
-            "[simulation.state]\n[simulation.forces]",
-            r"\[simulation\] state: belongs to a target that does not land",
-        ),
     ],
 )
 def test_mistakes_are_told(tmp_path, old, new, message):

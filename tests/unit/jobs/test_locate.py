@@ -13,8 +13,7 @@ from radioloc.errors import CoverageError, InputError, StationError
 from radioloc.estimation import time_correlation
 from radioloc.measurements import FixedPoint
 from radioloc.results.build import compare_with
-from radioloc.search import search
-from radioloc.study import EstimateChoice, ModelChoice, ObservationChoice
+from radioloc.study import EstimateChoice, ModelChoice
 
 # JPL's positions in the principal axes of DE421, m: Williams, Boggs and Folkner, "DE421 Lunar Orbit, Physical
 # Librations, and Surface Coordinates", JPL IOM 335-JW,DB,WF-20080314-001 (2008).
@@ -111,26 +110,6 @@ def test_one_blunder_is_rejected_and_does_not_move_the_answer(blunder_m, apollo1
     assert fitted.residuals.residual_m[70] == pytest.approx(blunder_m, abs=0.3)
 
 
-def test_many_blunders_are_rejected_and_do_not_move_the_answer(apollo15, near15, solution):
-    rng = np.random.default_rng(20240502)
-    rows = rng.choice(len(apollo15), 20, replace=False)
-    fitted = fit(changed(apollo15, rows, rng.uniform(1.5, 300.0, 20) * rng.choice([-1.0, 1.0], 20)), near15)
-    assert fitted.converged
-    assert not fitted.residuals.used[rows].any()
-    # Twenty good observations of 151 are gone: about a sigma.
-    assert apart_m(fitted, solution) < np.linalg.norm(solution.sigma_enu_m("formal"))
-
-
-def test_every_observation_is_accounted_for(late15, near15):
-    choice = ObservationChoice(stations=("GRASSE", "7941"), hours=24.0)
-    fitted = radioloc.locate(Study(target=near15, observations=choice), late15)
-    left_out = fitted.provenance["not_selected"]
-    assert set(left_out) == {"other station", "outside the time span"}
-    total = fitted.fit.total
-    assert total.used + total.rejected == len(fitted.residuals)
-    assert total.used + total.rejected + sum(left_out.values()) == len(late15)
-
-
 def test_order_of_the_input_is_kept(apollo15, near15, solution):
     order = np.random.default_rng(3).permutation(len(apollo15))
     fitted = fit(apollo15.select(order), near15)
@@ -168,22 +147,6 @@ def test_a_biased_station_is_found_out(apollo15, near15, solution):
     assert free.sigma_enu_m()[2] > solution.sigma_enu_m()[2]
 
 
-@pytest.mark.study
-def test_time_bias_is_found_out(apollo15, near15, model):
-    # All tags late by 10 ms: what was observed belongs to 10 ms earlier than it says.
-    late_s = 0.010
-    arc = radioloc.measurements.ExactPredictor(model, apollo15, FixedPoint(np.array(JPL_PA_M["apollo15"])))
-    by_time_m_s = arc.compute(FixedPoint(np.array(JPL_PA_M["apollo15"]))).by_time_m_s
-    assert abs(by_time_m_s).max() > 100.0
-    observed = changed(apollo15, slice(None), late_s * by_time_m_s)
-    common = fit(apollo15, near15, time_bias="all")
-    fitted = fit(observed, near15, time_bias="all")
-    difference_s = fitted.biases("time_bias")["APOLLO"][0] - common.biases("time_bias")["APOLLO"][0]
-    assert difference_s == pytest.approx(late_s, abs=1e-6)
-    held = fit(observed, near15, time_bias="all", time_bias_sigma_s=1e-9)
-    assert abs(held.biases("time_bias")["APOLLO"][0]) < 1e-6
-
-
 def test_height_prior_pulls_the_height(apollo15, near15, solution):
     height_m = solution.selenographic[2] + 5.0
     tight = fit(apollo15, near15, height_prior=radioloc.study.HeightPrior(height_m, 1e-3))
@@ -215,22 +178,6 @@ def thinned(apollo15, near15, model):
     )
 
 
-@pytest.mark.study
-@pytest.mark.parametrize("term", list(radioloc.measurements.TERMS))
-def test_each_term_can_be_left_out(term, thinned, near15):
-    sample, full, terms_m = thinned
-    fitted = fit(sample, near15, model=ModelChoice(off=[term]))
-    assert fitted.provenance["terms_off"] == [term]
-    assert f"terms switched off: {term}" in fitted.limitations
-    # Nothing of ocean loading, axes or delays of equipment is known here, and light does not feel the ionosphere.
-    unknown = ("ocean_loading", "antenna_axis_offset", "transponder_delay", "station_delay")
-    # Nor is there a quasar, a clock that runs free, or a signal that the target sends by itself.
-    absent = ("galactic_aberration", "station_proper_time", "target_proper_time")
-    matters = term not in (*unknown, *absent, "ionosphere")
-    assert (abs(terms_m[term]).max() > 1e-6) == matters
-    assert (apart_m(fitted, full) > 1e-6) == matters
-
-
 def test_model_of_the_caller_replaces_that_of_the_study(thinned, near15, model):
     sample, full, _ = thinned
     solution = radioloc.locate(Study(target=near15), sample, model=model.without("solid_earth_tide"))
@@ -253,23 +200,6 @@ def test_far_side_is_refused_in_words(apollo15):
     fitted = radioloc.compute_residuals(Study(target=far_side), apollo15)
     assert fitted.fit.total.used == 0
     assert fitted.fit.total.rejected == len(apollo15)
-
-
-@pytest.mark.study
-def test_a_search_and_a_fit_come_home_from_the_far_side(apollo15, near15):
-    distant_study = Study(target=LunarPosition.from_selenographic(178.0, 26.0, 0.0))
-    with pytest.raises(InputError, match=r"`radioloc search STUDY\.toml`"):
-        radioloc.locate(distant_study, apollo15)
-    fitted = fit(apollo15, search(distant_study, apollo15).study.target)
-    assert fitted.converged
-    assert apart_m(fitted, fit(apollo15, near15)) < 1e-3
-
-
-def test_below_the_stations_horizon_is_rejected_with_the_reason(apollo15, near15):
-    # Half a day later the Moon is on the other side of the Earth.
-    epoch = radioloc.Epochs.from_jd(apollo15.epoch.jd, apollo15.epoch.fraction + 0.5, "UTC")
-    with pytest.raises(InputError, match=r"\d+.*rejected.*below"):
-        fit(replace(apollo15, epoch=epoch).select(slice(5)), near15)
 
 
 def test_position_of_another_ephemeris_is_refused(apollo15, near15):
@@ -325,24 +255,6 @@ def test_epoch_that_is_not_covered_names_file_and_line(year, source, apollo15, n
     ) as caught:
         fit(late, near15)
     assert source in caught.value.source
-
-
-def test_arc_for_predictions(apollo15, near15, unconsidered):
-    arc = radioloc.jobs.prepare_arc(Study(target=near15), apollo15)
-    assert arc.motions[0].position_pa_m == pytest.approx(
-        near15.to_axes("PA", arc.model.ephemeris.constants).xyz_m
-    )
-    computed = arc.compute(FixedPoint(unconsidered.position_pa_m))
-    assert computed.value_m == pytest.approx(unconsidered.residuals.computed_m, abs=1e-6)
-
-
-def test_sparse_data_keep_their_weights(apollo15, near15, unconsidered):
-    """Two normal points in the five days that residuals stay correlated, in the mean."""
-    fitted = fit(apollo15, near15, weights="independent", consider_defaults=False)
-    assert fitted.series_weights == unconsidered.series_weights == ()
-    assert fitted.time_correlation.series == unconsidered.time_correlation.series
-    np.testing.assert_array_equal(fitted.values, unconsidered.values)
-    np.testing.assert_array_equal(fitted.covariance, unconsidered.covariance)
 
 
 def test_considered_errors_explain_what_lasts_in_the_residuals(solution, unconsidered):

@@ -12,7 +12,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from change5_case import BIAS_M, LANDER, NEAR, PLAN, RANGING, START, VLBI, sessions
-from paths import EXAMPLES
 from quick import some
 
 import radioloc
@@ -165,16 +164,6 @@ def test_noise_and_selection_are_those_of_the_study(changes):
     common = columns_of(ready, linear - full, "east_m", "north_m", "up_m", "sigma_east_m")
     assert np.abs(common).max() < 0.05
     assert (columns_of(ready, linear, "used") == columns_of(ready, full, "used")).all()
-
-
-def test_biases_with_a_priori_values():
-    item = study_of(range_bias_m={"KASHI": 7.0})
-    ready = Prepared.from_study(item, (12.0,))
-    linear, full = ready.linear().run(1, range(2)), ready.run(1, range(2))
-    names = ("range_bias.KASHI", "range_bias.JIAMUSI", "east_m", "up_m")
-    np.testing.assert_allclose(
-        columns_of(ready, linear, *names), columns_of(ready, full, *names), rtol=0.0, atol=0.05
-    )
 
 
 def test_a_trial_does_not_depend_on_the_others(ready):
@@ -411,19 +400,6 @@ def test_trials_that_did_not_converge_do_not_count():
 
 
 @pytest.mark.study
-def test_tables_have_a_row_for_each_trial_and_arc(trial_study):
-    table = trial_study.to_table()
-    assert len(table) == 120
-    assert (table["hours"].unit, table["sigma_up_m"].unit) == ("h", "m")
-    assert (table["hours"].value[3], table["east_m"].value[3]) == (12.0, trial_study["east_m"][1, 1])
-    of_types = [name for name in table.colnames if name.startswith(("excess_noise_m.", "range_bias."))]
-    assert {str(table[name].unit) for name in of_types} == {"m"}
-    assert list(trial_study.to_table("pandas").columns) == table.colnames
-    with pytest.raises(InputError, match=r"'west_m'"):
-        trial_study["west_m"]
-
-
-@pytest.mark.study
 def test_the_command(tmp_path, capsys):
     (tmp_path / "plan.toml").write_text(PLAN)
     arguments = ["montecarlo", str(tmp_path / "plan.toml"), "--trials", "5", "--hours", "6", "12"]
@@ -459,12 +435,3 @@ def test_studies_that_cannot_be(study):
         radioloc.monte_carlo(replace(study, simulation=None))
     with pytest.raises(InputError, match="needs the position estimated"):
         radioloc.monte_carlo(replace(study, estimate=EstimateChoice(position="none", range_bias="all")))
-
-
-@pytest.mark.slow
-def test_trials_of_the_example_all_converge(tmp_path):
-    """As a user runs it; the noise of dense series once ended some trials in an eigen-solver that gave up."""
-    simulation = EXAMPLES / "change5" / "simulation.toml"
-    out = tmp_path / "out"
-    assert main(["montecarlo", str(simulation), "--trials", "60", "--quiet", "--out", str(out)]) == 0
-    assert len((out / "trials.csv").read_text().splitlines()) == 1 + 60 * 3

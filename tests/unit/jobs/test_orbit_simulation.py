@@ -82,42 +82,6 @@ def test_the_world_is_the_tracking_of_the_true_orbit(scene):
     assert {path.upper() for path in observations.paths()} <= {"DSS-24>CRAFT>DSS-24", "DSS-65>CRAFT>DSS-65"}
 
 
-@pytest.mark.study
-def test_the_truth_of_an_orbit_that_is_searched_for_is_a_state(tmp_path, scene):
-    path = written(tmp_path)
-    changes = "position_m = [575739.0, -463249.0, -1631639.0]\nvelocity_m_s = [-567.864, 1434.223, -600.209]"
-    reference = path.read_text().replace(changes, "altitude_m = 55e3", 1)
-    path.write_text(
-        reference.replace("-1631539.0]", "-1631539.0]\nvelocity_m_s = [-567.864, 1434.223, -600.209]")
-    )
-    study = radioloc.read_study(path)
-    assert study.target.rough.altitude_m == 55e3
-    np.testing.assert_array_equal(study.simulation.position.state, [*TRUE_M, *VELOCITY_M_S])
-    planned, reference = (
-        radioloc.covariance(replace(item, candidates=()), 4.0) for item in (study, scene[0])
-    )
-    np.testing.assert_allclose(planned.longest.sigma_m, reference.longest.sigma_m, rtol=1e-6)
-
-
-def test_nothing_is_tracked_behind_the_moon(scene):
-    study, simulated = scene
-    result = windows(
-        PhysicalModel.build(),
-        simulated.trajectory,
-        ["DSS-24"],
-        "2012-04-09T04:40:00",
-        "2012-04-09T08:40:00",
-        study.simulation.schedule.masks,
-    )
-    hours = sum(
-        np.ptp(radioloc.time.epochs_from_strings([item.start_utc, item.stop_utc], "UTC").mjd) * 24.0
-        for item in result
-    )
-    expected = simulated.observations.paths() == simulated.observations.paths()[0]
-    assert 1.0 < hours < 3.0
-    assert 60.0 * hours - 3.0 * len(result) < max(expected.sum(), (~expected).sum()) < 60.0 * hours + 1.0
-
-
 def test_who_sees_it_is_told_from_the_study(scene):
     study, simulated = scene
     result = visibility(study, ["DSS-24"])
@@ -229,16 +193,6 @@ def test_planned_process_noise_is_that_of_a_fit(scene, with_process_noise):
     assert "process_noise" in planned.by_source()
     total_m2 = sum(item.total_m**2 for item in planned.sources)
     assert np.sqrt(total_m2) == pytest.approx(np.linalg.norm(planned.sigma_m), rel=1e-9)
-
-
-@pytest.mark.study
-def test_trials_with_process_noise_are_fitted_in_full(with_process_noise):
-    result = radioloc.monte_carlo(with_process_noise, 2, [2.0])
-    assert not result.linear
-    assert result["converged"].all()
-    planned = radioloc.covariance(with_process_noise, hours=2.0).longest.state
-    sigma_m = planned.sigma_rtn_m(planned.epoch)[0]
-    np.testing.assert_allclose(result["sigma_radial_m"][:, 0], sigma_m[0], rtol=0.05)
 
 
 @pytest.mark.parametrize(

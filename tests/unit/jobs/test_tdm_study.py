@@ -63,23 +63,6 @@ def test_ranges_of_a_message_locate_the_lander(truth, tmp_path):
     assert np.linalg.norm(solution.position_pa_m - point.xyz_m) < SAME_POINT_M
 
 
-def test_half_ranges_are_recognized_and_read_when_said(truth, tmp_path):
-    point, observations = truth
-    write_tdm(tmp_path / "whole.kvn", observations, originator="TEST")
-    halved = []
-    for line in (tmp_path / "whole.kvn").read_text().splitlines():
-        key, _, text = line.partition(" = ")
-        if key.strip() == "RANGE":
-            date, value = text.split()
-            line = f"RANGE = {date} {float(value) / 2!r}"
-        halved.append(line)
-    (tmp_path / "data.kvn").write_text("\n".join(halved) + "\n")
-    with pytest.raises(InputError, match='tdm_range = "half"'):
-        radioloc.locate(study_of(tmp_path, sigma_m="{ range = 1.0 }"))
-    solution = radioloc.locate(study_of(tmp_path, sigma_m="{ range = 1.0 }", tdm_range='"half"'))
-    assert np.linalg.norm(solution.position_pa_m - point.xyz_m) < SAME_POINT_M
-
-
 def write_ambiguous(folder, observations):
     modulus_s = 0.01
     write_tdm(folder / "whole.kvn", observations, originator="TEST")

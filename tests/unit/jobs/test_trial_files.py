@@ -41,40 +41,12 @@ def test_damaged_trials(files, tmp_path):
         assert all(np.array_equal(rows, values[0], equal_nan=True) for rows in solution.values())
 
 
-@pytest.mark.parametrize(
-    ("columns", "hours", "words"),
-    [
-        (["east_m", "up_m"], [6.0, 12.0], "columns are not those of the study"),
-        (["east_m", "north_m"], [6.0], "do not fit"),
-    ],
-)
-def test_trials_of_another_shape(files, tmp_path, columns, hours, words):
-    files.add("linear", [3], np.zeros((1, 2, 2)))
-    with pytest.raises(InputError, match=words):
-        TrialFolder(tmp_path, {"seed": 1}, columns, hours).completed("linear")
-
-
 def npy_header(shape, descr):
     header = f"{{'descr': {descr!r}, 'fortran_order': False, 'shape': {shape}, }}\n".encode()
     return b"\x93NUMPY\x01\x00" + len(header).to_bytes(2, "little") + header
 
 
 SOUND = {"trials": np.array([3]), "values": np.zeros((1, 2, 2)), "columns": np.array(["east_m", "north_m"])}
-
-
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        ({"values": np.zeros(4)}, "values is an array"),
-        ({"trials": np.array([3.5])}, "trials is an array"),
-        ({"trials": np.array([-3])}, "negative or repeated"),
-        ({"trials": np.array([3, 3]), "values": np.zeros((2, 2, 2))}, "negative or repeated"),
-    ],
-)
-def test_arrays_of_another_kind_are_damage(files, tmp_path, change, words):
-    np.savez(tmp_path / "parts" / "linear-000003-000003.npz", **SOUND | change)
-    with pytest.raises(InputError, match=words):
-        files.completed("linear")
 
 
 @pytest.mark.parametrize(

@@ -87,12 +87,7 @@ def test_residuals_and_arcs_are_verified_as_such(copy, capsys):
     ("edit", "names"),
     [
         (lambda c: c["position"]["pa"].update(y_m=c["position"]["pa"]["y_m"] + 1e-3), ["position.pa.y_m"]),
-        (
-            lambda c: c["position"]["me"].update(height_m=c["position"]["me"]["height_m"] + 1e-3),
-            ["position.me.height_m"],
-        ),
         (lambda c: c["covariance"]["enu_m2"][0].__setitem__(0, 1.0), ["covariance.enu_m2.0.0"]),
-        (lambda c: c["fit"].update(used=140, rejected=13), ["fit.used", "fit.rejected"]),
         (lambda c: c["budget"][0].update(total_m=99.0), ["budget.0.total_m"]),
         (lambda c: c["parameters"].pop(), ["parameters.range_bias.APOLLO"]),
         (lambda c: c["parameters"][3].update(value=0.2), ["parameters.range_bias.APOLLO.value"]),
@@ -127,10 +122,8 @@ def altered(file, content=None):
     ("edit", "words"),
     [
         (altered(DATA), f"cannot be repeated from .*s.toml: {DATA} has another content"),
-        (lambda folder: (folder / DATA).rename(folder / "apollo15.csv"), f"{DATA} is missing, apollo15.csv is new"),
         (lambda folder: shutil.copy(folder / DATA, folder / "apollo15_2.csv"), "apollo15_2.csv is new"),
         (altered("s.toml"), "s.toml has changed"),
-        (lambda folder: (folder / "s.toml").unlink(), "study file .*s.toml is missing; give its new place"),
         (lambda folder: change(folder, lambda c: c["provenance"].pop("study")), "expected a solution of a study file"),
         (altered("out/INCOMPLETE", "x"), "not written completely"),
     ],

@@ -92,13 +92,6 @@ def test_what_is_no_kernel_is_not_added(folder, name, content, words):
     assert added() == ()
 
 
-def test_a_damaged_registry_is_named(folder):
-    (folder / "added").mkdir()
-    (folder / "added" / "registry.toml").write_text("[[kernel]]\nname = 1\n")
-    with pytest.raises(KernelError, match=r"registry\.toml is damaged"):
-        added()
-
-
 def test_without_a_home_directory_shipped_kernels_are_found_and_adding_names_the_variable(
     monkeypatch, de430, tmp_path
 ):

@@ -93,24 +93,15 @@ def patched(offset, layout, *values):
         (12, "i", (6,), "wrong layout"),
         (SUMMARY, "d", (SUMMARY / 1024 + 1,), "runs in a circle"),
         (SUMMARY, "d", (float("inf"),), "damaged"),
-        (SUMMARY, "d", (1e9,), "damaged"),
         (SUMMARY + 16, "d", (float("nan"),), "damaged"),
-        (SUMMARY + 16, "d", (1e6,), "damaged"),
         (SUMMARY + 16, "d", (0.0,), "no segment of Chebyshev type 2"),
         (SUMMARY + 24, "d", (-1e10,), "claims"),
-        (SUMMARY + 24, "d", (float("nan"),), "directory"),
         (SUMMARY + 24 + 16 + 4, "i", (17,), "no segment of Chebyshev type 2 in the ICRF"),
-        (SUMMARY + 24 + 16 + 8, "i", (3,), "no segment of Chebyshev type 2"),
         (SUMMARY + 24 + 16 + 12, "i", (-4,), "lies outside the file"),
-        (SUMMARY + 24 + 16 + 16, "i", (10**9,), "lies outside the file"),
         (LAST_BYTE - 8, "d", (5.5,), "directory"),
-        (LAST_BYTE - 8, "d", (float("nan"),), "directory"),
         (LAST_BYTE - 16, "d", (33.0,), "directory"),
-        (LAST_BYTE - 24, "d", (-1.0,), "directory"),
         (LAST_BYTE - 24, "d", (345600.0,), "claims|record whose epoch"),
-        (LAST_BYTE - 32, "d", (0.0,), "claims"),
         (FIRST_BYTE + 32 * 8 * 50, "d", (0.0,), "record whose epoch"),
-        (FIRST_BYTE + 32 * 8 * 50 + 8, "d", (0.0,), "record whose epoch"),
         (FIRST_BYTE + 32 * 8 * 50 + 80, "d", (float("nan"),), "not a number"),
     ],
 )
@@ -158,11 +149,4 @@ def test_a_circular_list_of_segments_ends(tmp_path, free):
         struct.pack_into("<i", data, 84, free)
         data = data[:4096]
     with pytest.raises(KernelError, match="runs in a circle" if free is None else "is cut short"):
-        open_pck(written(tmp_path, data))
-
-
-def test_segments_that_overlap_are_refused(tmp_path):
-    data = patched(SUMMARY + 16, "d", struct.unpack_from("<d", PCK_BYTES, SUMMARY + 16)[0] + 1.0)
-    data[SUMMARY + 24 + 40 : SUMMARY + 24 + 80] = data[SUMMARY + 24 : SUMMARY + 24 + 40]
-    with pytest.raises(KernelError, match="its segments overlap"):
         open_pck(written(tmp_path, data))

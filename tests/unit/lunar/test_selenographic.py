@@ -58,9 +58,7 @@ def test_east_north_up_against_differences():
     ("values", "message"),
     [
         ((0.0, 1.6, 0.0), "beyond a pole.*degrees"),
-        ((0.0, [0.1, -26.0], 0.0), "latitude -26 rad"),
         ((np.nan, 0.0, 0.0), "a longitude is not"),
-        ((0.0, np.inf, 0.0), "a latitude is not"),
         ((0.0, 0.0, np.nan), "a height is not"),
         ((0.0, 0.0, -1737400.0), "below the Moon's centre"),
     ],

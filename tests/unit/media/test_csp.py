@@ -89,11 +89,6 @@ def test_last_card_of_codes_or_phases_counts(calibrations):
     assert cards.charged_delay(KASHI, late, phase=True) is None
 
 
-def test_day_ends_at_24_hours(calibrations):
-    card = "ADJUST(ALL) BY NRMPOW(1.0, 0.5) MODEL(CHPART) FROM(20/12/02,20:00) TO(20/12/02,24:00:00.000) DSN(C10)."
-    assert calibrations(card).cards[0].stop_mjd == 59186.0  # 2020-12-03
-
-
 def test_fourier_terms_start_at_the_card(calibrations):
     card = (
         "ADJUST(ALL) BY TRIG(7200., 2.1, .1, -.2, .03, .04) MODEL(DRY NUPART) FROM(20/12/02,00:00) DSN(C10)."
@@ -169,23 +164,13 @@ def test_cards_of_several_spacecraft_need_a_number(calibrations):
 @pytest.mark.parametrize(
     ("old", "new", "line", "words"),
     [
-        ("SCID(177).    #", "SCID(177)     #", 6, "ADJUST"),
         ("QUASAR(5).\n", "QUASAR(5)", 9, "KEYWORD(...)"),
         ("MODEL(CHPART)\n", "MODEL(IONO)\n", 3, "got IONO"),
-        ("ADJUST(DOPRNG)", "ADJUST(DOPLER)", 2, "got DOPLER"),
-        ("BY NRMPOW", "BY CHEB", 2, "got BY CHEB"),
         ("0.0938", "0.O938", 2, "'0.O938'"),
-        ("0.7048", "7048", 2, "got 7048"),
         ("20/12/02,01:21", "20/13/02,01:21", 4, "got 20/13/02,01:21"),
-        ("20/12/02,15:01", "20/12/02,24:01", 4, "got 20/12/02,24:01"),
-        ("20/12/02,01:21", "336/01:21", 4, "got 336/01:21"),
         ("TO(20/12/02,15:01)", "TO(20/12/02,01:20)", 4, "TO must follow FROM"),
-        ("TO(20/12/02,15:01)", "", 4, "TO must follow FROM"),
-        ("TO(20/12/02,15:01)", "AFTER(20/12/02,15:01)", 4, "AFTER"),
         ("DSN(C10)SCID(177)", "SCID(177)", 4, "lacks DSN(...)"),
         ("SCID(177).    #", "SCID(LRO).    #", 4, "SCID: expected the number"),
-        ("BY CNSTNT(3.0)", "BY CONST(3.0, 1.0)", 8, "CONST has one number"),
-        ("BY CNSTNT(3.0)", "BY TRIG(0., 1.0)", 8, "CONST has one number"),
         ("ADJUST", "DELETE", None, "ADJUST(...)"),
     ],
 )

@@ -64,24 +64,10 @@ def test_pierce_point_by_spherical_trigonometry() -> None:
     np.testing.assert_allclose(longitude, np.deg2rad(100.0) + east, atol=1e-13)
 
 
-def test_pierce_point_lies_on_the_ray_and_on_the_shell() -> None:
-    longitude, latitude = np.deg2rad([-116.9, 149.0]), np.deg2rad([35.4, -35.4])
-    stations = itrf_from_geodetic(longitude, latitude, [1000.0, 700.0])
-    up = itrf_from_geodetic(longitude, latitude, [2000.0, 1700.0]) - stations
-    elevation = np.deg2rad([10.0, 70.0])
-    lat, lon = pierce_point(stations, [1.0, 5.0], elevation, 350e3)
-    on_shell = np.stack([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)], axis=-1)
-    ray = 6721e3 * on_shell - stations
-    sine = np.sum(ray * up, axis=-1) / (np.linalg.norm(ray, axis=-1) * np.linalg.norm(up, axis=-1))
-    np.testing.assert_allclose(np.arcsin(sine), elevation, atol=1e-9)
-
-
 @pytest.mark.parametrize(
     ("call", "words"),
     [
         (lambda: ionosphere_delay_m(-1.0, 8.4e9), "got -1"),
-        (lambda: ionosphere_delay_m(5e17, 8.4e9), "5e.17"),
-        (lambda: ionosphere_delay_m(np.nan, 8.4e9), "got nan"),
         (lambda: ionosphere_delay_m(10.0, 8400.0), "got 8400"),
         (lambda: pierce_point([6378e3, 0.0, 0.0], 0.0, 0.5, 450.0), "0.45 km"),
         (lambda: UniformTec(-1.0), "TECU"),

@@ -8,7 +8,7 @@ from legs import end
 from mappings import vmf3
 
 from radioloc.earth import StationCatalogue, geodetic_from_itrf
-from radioloc.errors import CoverageError, FileFormatError, InputError
+from radioloc.errors import CoverageError, InputError
 from radioloc.media.air_files import Gpt3Grid, Vmf3Grids
 from radioloc.media.grids import LatLonGrid
 from radioloc.media.mapping_functions import day_of_year
@@ -108,24 +108,3 @@ def test_other_stations_need_gpt3(sites):
     with pytest.raises(CoverageError, match=r"VMF3 of SESHAN25 covers") as caught:
         air(combined, epoch=LATE)
     assert caught.value.requested[0].startswith("2020-12-02 18.5")
-
-
-def test_light_does_not_use_the_files(sites):
-    assert np.isnan(air(sites, epoch=LATE, radio=False).wet_m).all()
-
-
-def test_inconsistent_files(tmp_path):
-    site_file, map_file = tmp_path / "y2020.vmf3_r", tmp_path / "VMF3_20201202.H12"
-    site_file.write_text(LINES)
-    map_file.write_text("! Version: 1.0\n! Data_types: VMF3 (lat lon ah aw zhd zwd)\n")
-    orography = tmp_path / "orography_ell_5x5"
-    for files, words in (
-        ({}, "got none"),
-        ({"vmf3": [map_file]}, "with 1 maps"),
-        ({"vmf3": [site_file, map_file], "vmf3_orography": orography}, "got both"),
-        ({"vmf3": [site_file], "vmf3_orography": orography}, "with 0 maps"),
-    ):
-        with pytest.raises(InputError, match=words):
-            read_radio_atmosphere(**files)
-    with pytest.raises(FileFormatError, match="no such file"):
-        read_radio_atmosphere(gpt3=tmp_path / "gpt3_5.grd")

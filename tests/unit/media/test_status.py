@@ -1,6 +1,6 @@
 import numpy as np
 
-from radioloc.media.status import Status, describe, first_failure
+from radioloc.media.status import Status, describe
 
 
 def codes(*rows):
@@ -22,9 +22,3 @@ def test_text_of_the_first_failed_end():
         "below the horizon (-12.0 deg)",
         "behind the Moon as seen from THERE",
     ]
-
-
-def test_first_failure():
-    first, second = codes(0, 0, Status.TOO_LOW, Status.TOO_LOW), codes(0, 5, 0, 5)
-    assert first_failure(first, second).tolist() == [0, 5, Status.TOO_LOW, Status.TOO_LOW]
-    assert first_failure(first, second).dtype == np.int8

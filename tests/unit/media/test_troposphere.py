@@ -43,13 +43,6 @@ def test_status_of_missing_records(changes, words):
     assert result.by_elevation_m_rad.tolist() == [0.0]
 
 
-def test_rows_are_independent():
-    result = delay([2.99, 30.0, 30.0], pressure_hpa=[780.0, np.nan, 780.0])
-    assert result.status.tolist() == [Status.TOO_LOW, Status.NO_PRESSURE, Status.OK]
-    assert result.delay_m.tolist()[:2] == [0.0, 0.0]
-    assert result.delay_m[2] > 3.0
-
-
 @pytest.mark.parametrize(
     ("recorded", "wet_temperature_k"),
     [

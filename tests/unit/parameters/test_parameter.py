@@ -10,15 +10,6 @@ from radioloc.estimation import Parameter, ParameterSet
 from radioloc.parameters import ObservationRows, Scope
 from radioloc.parameters.biases import RANGE_BIAS
 from radioloc.parameters.columns import Columns, members
-from radioloc.parameters.parameter import Role
-from radioloc.parameters.registry import parameter_label
-
-
-def test_changed_copies():
-    original = ParameterSet([Parameter("a", "m", "x"), Parameter("b", "m", "x")])
-    changed = original.changed("b", role=Role.FIXED, prior_value=3.0)
-    assert (original["b"].fixed, changed["b"].fixed, changed["b"].prior_value) == (False, True, 3.0)
-    assert changed.names == original.names
 
 
 @pytest.mark.parametrize(
@@ -57,21 +48,6 @@ def test_sets_refuse_doubles_and_emptiness():
 def test_unusable_kinds_are_refused(changes, words):
     with pytest.raises(InputError, match=words):
         replace(RANGE_BIAS, **changes)
-
-
-@pytest.mark.parametrize(
-    ("name", "label"),
-    [
-        ("range_bias.KASHI", "range bias of KASHI"),
-        ("station_position.KASHI.east", "east position of KASHI"),
-        ("moon_position.radial", "radial position of the Moon"),
-        ("moon_position_variation.2.radial", "radial variation of the Moon's position, session 2"),
-        ("ut1.1", "UT1, session 1"),
-        ("position.east", "position.east"),
-    ],
-)
-def test_labels_in_full(name, label):
-    assert parameter_label(name) == label
 
 
 def arc_of(*dates):

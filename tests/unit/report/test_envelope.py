@@ -3,35 +3,9 @@
 import numpy as np
 import pytest
 
-from radioloc.labels import Labels
-from radioloc.measurements.registry import KINDS
-from radioloc.report import plot_links, plot_residuals
 from radioloc.report.figures import new_figure
-from radioloc.report.residual_figures import ENVELOPE_NOTE, draw_envelope
+from radioloc.report.residual_figures import draw_envelope
 from radioloc.report.residual_panels import BINS, time_bins
-from radioloc.results.solution import Residuals
-from radioloc.time import Epochs
-
-PATHS = ("KASHI>x>KASHI", "JIAMUSI>x>KASHI")
-
-
-def residuals(count, rejected=0.01):
-    rng = np.random.default_rng(4)
-    codes = rng.integers(0, 2, count)
-    residual_m, sigma_m = rng.normal(0.0, 1.0, count), np.ones(count)
-    used = rng.random(count) > rejected
-    residual_m[~used] *= 40.0
-    return Residuals(
-        Epochs.from_jd(2459185.5, np.sort(rng.random(count)), "UTC"),
-        Labels.coded(["KASHI"], np.zeros(count, dtype=int)),
-        Labels(np.zeros(count, dtype=np.int32), KINDS),
-        Labels.coded(PATHS, codes),
-        np.full(count, 7.5e8),
-        residual_m,
-        sigma_m,
-        Labels.coded(["used", "outlier"], ~used * 1),
-        np.full(count, 30.0),
-    )
 
 
 def dates_of(count):
@@ -57,19 +31,3 @@ def test_bars_reach_from_the_lowest_to_the_highest_of_each_span():
             [values_m.mean() - values_m.std(), values_m.mean() + values_m.std()], abs=1e-9
         )
     assert (reach[:, 0, 1].min(), reach[:, 1, 1].max()) == (-40.0, 50.0)
-
-
-@pytest.mark.parametrize("plot", [plot_residuals, plot_links])
-def test_thousands_rejected_are_all_drawn(plot):
-    rows = residuals(60_000, rejected=0.05)
-    rejected = int((~rows.used).sum())
-    figure = plot(rows, "t")
-    assert ENVELOPE_NOTE in figure._supxlabel.get_text()
-    [axes] = [axes for axes in figure.axes if axes.get_title(loc="left")]
-    marks = {line.get_marker(): len(line.get_xdata()) for line in axes.lines if line.get_marker() != "None"}
-    assert sum(count for marker, count in marks.items() if marker in "x^v") == rejected > 1000
-
-
-def test_one_instant_is_one_span():
-    instants = np.full(6000, np.datetime64("2020-12-01", "ms"))
-    assert set(time_bins(instants, (instants[0], instants[0]))) == {0}

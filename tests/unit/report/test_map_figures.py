@@ -41,33 +41,6 @@ def test_positions_ellipses_and_references_are_in_metres_about_the_first():
     assert {tuple(sorted(size)) for size in sizes} == {(20.0, 40.0), (60.0, 120.0)}
 
 
-@pytest.mark.parametrize("place", [PLACE, (179.9999, -20.0), (20.0, -85.0)])
-def test_degrees_stand_where_they_are(place):
-    axes = plot_map(content(place=place) | {"reference": None}).axes[0]
-    for ticks, labels, k in (
-        (axes.get_xticks(), axes.get_xticklabels(), 0),
-        (axes.get_yticks(), axes.get_yticklabels(), 1),
-    ):
-        assert 2 <= len(ticks) <= 12
-        lowest_deg = place[1] + axes.get_ylim()[0] / PER_DEG_M
-        per_deg_m = PER_DEG_M * (math.cos(math.radians(lowest_deg)) if k == 0 else 1.0)
-        degrees = np.array([float(label.get_text()) for label in labels])
-        np.testing.assert_allclose(ticks, (degrees - place[k]) * per_deg_m, atol=0.02)
-
-
-def test_a_map_with_a_pole_on_it_has_degrees_where_there_are_some():
-    axes = plot_map(content(place=(120.0, 88.0)) | {"reference": None}, reach_m=4e5).axes[0]
-    assert [label.get_text() for label in axes.get_xticklabels()] == ["80", "100", "120", "140", "160"]
-    assert not len(axes.get_yticks())
-
-
-def test_a_position_without_sigmas_is_a_point():
-    undetermined = recorded(sigma_m=(np.inf,) * 3)
-    figure = plot_map(undetermined)
-    assert list(labelled(figure)) == ["lander"]
-    assert not [patch for patch in figure.axes[0].patches if hasattr(patch, "angle")]
-
-
 def test_the_ground_is_under_the_position():
     rasterio = pytest.importorskip("rasterio")
     image = (

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from radioloc.errors import FileFormatError, InputError
+from radioloc.errors import InputError
 from radioloc.estimation.editing import outlier_reason
 from radioloc.estimation.statistics import Residuals
 from radioloc.labels import Labels
@@ -133,8 +133,3 @@ def test_json_refuses_other_types_and_nan(content, words, tmp_path):
     with pytest.raises(InputError, match=words):
         write_json(file, content)
     assert not file.exists()
-
-
-def test_no_directory(tmp_path):
-    with pytest.raises(FileFormatError, match="make the directory"):
-        write_json(tmp_path / "none" / "a.json", {})

@@ -123,10 +123,3 @@ def test_missing_extra_is_named(solution, monkeypatch, tmp_path, capsys):
     # Before the work: there is no such study.
     assert cli.main(["locate", "none.toml", "--out", str(tmp_path), "--report"]) == 2
     assert capsys.readouterr().err.count("pip install 'radioloc[report]'\n") == 1
-
-
-def test_a_page_needs_a_folder(capsys):
-    with pytest.raises(SystemExit) as end:
-        cli.main(["locate", "none.toml", "--report"])
-    assert end.value.code == 2
-    assert "--report needs --out DIR" in capsys.readouterr().err

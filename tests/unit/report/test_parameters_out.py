@@ -93,16 +93,6 @@ def test_correlations():
     assert "upper right: without considered errors" in ax.get_title()
 
 
-@pytest.mark.slow
-def test_correlations_of_many_parameters_are_those_of_the_position(with_biases, monkeypatch):
-    monkeypatch.setattr("radioloc.report.error_figures._MAX_CORRELATED", 4)
-    ax = plot_correlations(with_biases[0]).axes[0]
-    names = [text.get_text() for text in ax.get_yticklabels()]
-    assert names[:3] == ["position east", "position north", "position height"]
-    assert len(names) == 4
-    assert "4 of 6 parameters" in ax.get_title()
-
-
 def test_sinex(solution, tmp_path):
     header, blocks = blocks_of(write_sinex(tmp_path / "a.snx", solution))
     assert header == "%=SNX 2.02 RLC 00:000:00000 RLC 06:097:23190 07:170:09515 C 00003 2 S"

@@ -7,17 +7,15 @@ import numpy as np
 import pytest
 from toy_moon import LANDER_M, ToyMoon, toy_solution
 
-from radioloc import LunarPosition, Observations
+from radioloc import LunarPosition
 from radioloc.errors import InputError
-from radioloc.estimation.consider import ErrorSource
-from radioloc.measurements import Link, PhysicalModel
-from radioloc.report import plot_terms, plot_visibility
+from radioloc.measurements import PhysicalModel
+from radioloc.report import plot_visibility
 from radioloc.report.error_figures import plot_budget
 from radioloc.report.position_figures import plot_arcs
 from radioloc.report.residual_figures import plot_distribution
 from radioloc.results.subsets import Arc, ArcStudy
 from radioloc.simulation import Masks, windows
-from radioloc.time import epochs_from_strings
 
 
 @pytest.fixture(scope="module")
@@ -44,15 +42,6 @@ def test_bars_of_the_budget_are_its_sigmas(solution):
         plot_budget(held)
 
 
-def test_the_smallest_of_many_sources_are_one_bar(monkeypatch):
-    items = tuple(ErrorSource(f"source {k}", "", np.diag(np.full(3, float(20 - k)))) for k in range(14))
-    axes = plot_budget(SimpleNamespace(name="many", budget=items)).axes[0]
-    names = [text.get_text() for text in axes.get_yticklabels()]
-    assert names == ["total", *(f"source {k}" for k in range(8)), "6 others"]
-    squares = np.array([[bar.get_width() for bar in bars] for bars in axes.containers]) ** 2
-    np.testing.assert_allclose(squares[:, 0], squares[:, 1:].sum(axis=1))
-
-
 def test_the_distribution_is_that_of_the_used_residuals(solution):
     rows = solution.residuals
     first, right = plot_distribution(solution).axes
@@ -73,13 +62,6 @@ def test_the_distribution_is_that_of_the_used_residuals(solution):
     assert f"rms {np.sqrt(np.mean(size[rows.used] ** 2)):.3g}" in right.get_title()
     with pytest.raises(InputError, match="expected elevations"):
         plot_distribution(replace(rows, elevation_deg=None))
-
-
-def test_very_many_residuals_are_drawn_by_their_density(solution):
-    residuals = solution.residuals.select(np.tile(np.arange(90), 300))
-    axes, _ = plot_distribution(residuals).axes
-    [density] = [item for item in axes.collections if item.get_array() is not None]
-    assert density.get_array().sum() == residuals.used.sum()
 
 
 @pytest.fixture(scope="module")
@@ -106,27 +88,6 @@ def test_arcs_are_drawn_where_the_table_has_them(arc_study):
             assert (x, y) == pytest.approx((hours, sign * getattr(row, f"{side}_m")))
             [[low, high]] = [segment[:, 1] for segment in bars.lines[2][0].get_segments()]
             assert high - low == pytest.approx(2.0 * 1.959964 * getattr(row, f"sigma_{side}_m"), rel=1e-6)
-
-
-def test_terms_have_a_panel_each_in_a_unit_of_their_own():
-    epochs = epochs_from_strings(["2020-12-01T00:00:00", "2020-12-01T01:00:00", "2020-12-01T02:00:00"], "UTC")
-    links = [Link("KASHI", "x", "KASHI"), Link("JIAMUSI", "x", "KASHI")]
-    observations = Observations.from_columns(
-        epoch=epochs, links=links, link=[0, 1, 0], kind=0, tag=1, value_m=8e8, sigma_m=1.0
-    )
-    terms = {"large": np.array([400.0, 1.0, -2.0]), "small": np.full(3, 2e-3), "none": np.zeros(3)}
-    figure = plot_terms(terms, observations)
-    titles = [axes.get_title(loc="left") for axes in figure.axes]
-    assert titles == ["large", "small"]
-    assert [axes.get_ylabel() for axes in figure.axes] == ["m", "cm"]
-    by_link = {line.get_label(): line.get_ydata() for line in figure.axes[1].lines}
-    assert {name: list(values) for name, values in by_link.items()} == {
-        "KASHI": [0.2, 0.2],
-        "KASHI from JIAMUSI": [0.2],
-    }
-    assert figure.legends[0].get_title().get_text() == "below 5 micrometres: none"
-    with pytest.raises(InputError, match="term bad: expected 3"):
-        plot_terms({"bad": np.zeros(2)}, observations)
 
 
 def test_bars_of_visibility_are_the_windows():

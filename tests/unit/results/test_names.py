@@ -2,7 +2,7 @@
 
 import pytest
 
-from radioloc.results.names import parameter_name, source_name
+from radioloc.results.names import parameter_name
 
 
 @pytest.mark.parametrize(
@@ -17,9 +17,3 @@ from radioloc.results.names import parameter_name, source_name
 )
 def test_parameters_have_names_in_words(identifier, name):
     assert parameter_name(identifier) == name
-
-
-def test_sources_of_error_have_names_in_words():
-    assert source_name("libration") == "libration of the Moon"
-    assert source_name("station_position") == "station coordinates"
-    assert source_name("measurement noise") == "measurement noise"

@@ -32,19 +32,3 @@ def test_the_smallest_error_and_the_largest_effect_of_each_kind_are_named():
     effects = "120 m (common time bias, 5 ms), 20.0 m (range bias of A, 4 m), 1.00 m (clock of C, 2 ns)"
     assert effect == f"largest effects of undetected errors: {effects}"
     assert hidden == "not revealed: transponder delay (0.150 m of position per ns, sigma 10 ns)"
-
-
-def test_hidden_errors_without_effect_on_the_position_are_not_named():
-    assert not [*reliability_lines([item("clock.all", math.inf, "s", shift_m=None, per_unit_m=1e4)])]
-
-
-def test_moving_targets_have_no_shift_of_a_position():
-    lines = [*reliability_lines([item("range_bias.A", 4.0, shift_m=None, per_unit_m=None)])]
-    assert lines == ["smallest detectable errors (power 80 %): range bias 4 m (A)"]
-
-
-def test_offsets_of_links_and_components_are_named():
-    [line] = reliability_lines([item("range A>x>A", 4.0, kind="offset")])
-    assert "offset of range A>x>A, 4 m" in line
-    [_, line] = reliability_lines([item("station_position.A", 4.0, kind="a priori", components=("up",))])
-    assert "up position of A, 4 m" in line

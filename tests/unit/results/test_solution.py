@@ -12,7 +12,6 @@ from radioloc.estimation.editing import fit_with_editing
 from radioloc.estimation.gauss_markov import TimeCorrelation
 from radioloc.estimation.time_correlation import scaled_covariance
 from radioloc.parameters.parameter import Role
-from radioloc.time import Epochs
 
 # A rotation of the size of the one from principal to mean-Earth axes, about an arbitrary axis.
 SMALL_ROTATION = np.array([[1.0, -3e-4, 4e-4], [3e-4, 1.0, 1e-5], [-4e-4, -1e-5, 1.0]])
@@ -176,15 +175,6 @@ def test_held_position():
     assert solution.biases()["A"][1] == pytest.approx(0.3 / 20**0.5, rel=0.05)
 
 
-def test_residuals_with_nothing_estimated():
-    model = ToyMoon(60, 72.0, biases=False)
-    solution = with_held_position(model, blunders_m={3: 500.0}, reference_pa_m=LANDER_M)
-    assert solution.fit.total.used == 59
-    assert solution.fit.chi2_per_dof == pytest.approx(1.0, abs=0.6)
-    assert solution.observability.condition_number == 1.0
-    json.dumps(solution.to_dict(), allow_nan=False)
-
-
 def test_paths_of_a_station_are_told_apart():
     """Two-way ranges 3 m long and three-way ranges 3 m short have no mean at the station that receives both."""
     paths = np.array(["A>x>A", "B>x>A"] * 100)
@@ -201,30 +191,6 @@ def test_paths_of_a_station_are_told_apart():
         assert by_path[path]["mean_m"] == pytest.approx(mean_m, abs=1.0)
 
 
-def test_tables(solution):
-    residuals = solution.to_table()
-    assert len(residuals) == 200
-    np.testing.assert_allclose(residuals["observed_m"] - residuals["computed_m"], residuals["residual_m"])
-    assert residuals["status"][17].startswith("outlier")
-    assert str(residuals["residual_m"].unit) == "m"
-    assert residuals["epoch_utc"].scale == "utc"
-    assert list(solution.to_table("parameters")["name"]) == list(solution.parameters.names)
-    frame = solution.to_table(form="pandas")
-    assert frame["residual_m"].tolist() == solution.residuals.residual_m.tolist()
-    assert solution.to_table("parameters", "pandas")["value"].tolist() == solution.values.tolist()
-    with pytest.raises(InputError, match="'other'"):
-        solution.to_table("other")
-
-
-def test_solution_is_immutable(solution):
-    with pytest.raises(AttributeError):
-        solution.name = "other"
-    with pytest.raises(ValueError, match="read-only"):
-        solution.position_pa_m[0] = 0.0
-    with pytest.raises(ValueError, match="read-only"):
-        solution.residuals.residual_m[0] = 0.0
-
-
 def test_the_position_as_a_point_on_the_moon(solution):
     assert solution.position.frame == solution.me_frame
     assert solution.position.selenographic == pytest.approx(solution.selenographic, abs=1e-9)
@@ -232,27 +198,6 @@ def test_the_position_as_a_point_on_the_moon(solution):
     moving = replace(solution, trajectory="an orbiter")
     with pytest.raises(InputError, match="fixed to the Moon"):
         _ = moving.position
-
-
-def test_unknown_axes_and_levels_are_refused(solution):
-    with pytest.raises(InputError, match=r"'ned'"):
-        solution.position_covariance("ned")
-    with pytest.raises(InputError, match=r"'best'"):
-        solution.position_covariance("enu", "best")
-
-
-@pytest.mark.parametrize(
-    ("given", "words"),
-    [
-        ({"station": ["A"]}, "stations has 1 values, but there are 9 observations"),
-        ({"observed_m": [1.0]}, "observed_m has 1 values, but there are 9 observations"),
-        ({"rot_pa_to_me": np.eye(2)}, "rot_pa_to_me: expected shape"),
-        ({"epoch_utc": Epochs.from_jd(2456650.5, [0.1, 0.2], "UTC")}, "epoch_utc has 2 values"),
-    ],
-)
-def test_columns_of_another_length_are_refused(given, words):
-    with pytest.raises(InputError, match=words):
-        toy_solution(ToyMoon(9, 72.0, biases=False), **given)
 
 
 def test_the_factor_of_time_correlation_is_of_the_sigma_without():

@@ -112,11 +112,6 @@ def test_candidates_of_similar_misfit_are_ambiguous():
     assert not is_ambiguous([pair[0], replace(pair[1], misfit_m_s=2e-4)])
 
 
-def test_few_counts_are_refused(model, forces, doppler):
-    with pytest.raises(InputError, match="needs 12 counts"):
-        first_orbits(rough(forces), model, doppler.select(np.arange(5)))
-
-
 def test_a_state_and_a_rough_orbit_exclude_each_other(forces):
     with pytest.raises(InputError, match="either position_m and velocity_m_s"):
         replace(rough(forces), position_m=(1.8e6, 0.0, 0.0))

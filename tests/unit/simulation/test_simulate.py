@@ -5,9 +5,7 @@ import pytest
 
 from radioloc.constants import C_M_S
 from radioloc.errors import InputError
-from radioloc.lunar.position import LunarPosition
 from radioloc.simulation import (
-    Masks,
     Noise,
     NoiseModel,
     Scenario,
@@ -84,14 +82,6 @@ def test_errors_of_each_pass_are_drawn(lander, lander_pa_m, model):
     np.testing.assert_array_equal(world.draw(seed=4).observations.value_m, world.value_m)
     with pytest.raises(InputError, match="clock_per needs clock_s"):
         TruthSigma(clock_per="pass")
-
-
-def test_observations_outside_the_model_are_refused(lander, model):
-    low = Schedule([Session("range", two_way("KASHI"), START, "2020-12-02T08:00", 600.0, 1.0)], Masks(-90.0))
-    with pytest.raises(InputError, match=r"of 101 .* KASHI>lander>KASHI"):
-        simulate(low, lander, model=model)
-    with pytest.raises(InputError, match="PA_DE421 or ME_DE421"):
-        simulate(SCHEDULE, LunarPosition("ME_DE440", lander.xyz_m), model=model)
 
 
 def test_one_way_and_differenced_measurements(lander, model):

@@ -60,20 +60,6 @@ def test_known_texts():
         utc_to_text(Epochs.from_jd(2460000.5, 0.0, "TT"))
 
 
-def test_instants_that_come_several_times_in_a_row():
-    texts = ["2016-12-31T23:59:60.500000000000", "2017-01-01T00:00:00.000000000000"]
-    epochs = utc_from_text([texts[k] for k in (0, 0, 1, 1, 1, 0)])
-    assert utc_to_text(epochs).tolist() == [texts[k] for k in (0, 0, 1, 1, 1, 0)]
-    assert utc_to_text(epochs[:0]).tolist() == []
-
-
-def test_other_forms_are_read_too():
-    epochs = utc_from_text(["2020-060T12:00:00", "2020-02-29T12:00", "2020-02-29 12:00:00Z", "2020-02-29"])
-    assert epochs.day_strings().tolist() == ["2020-02-29"] * 4
-    assert epochs.fraction.tolist() == [0.5, 0.5, 0.5, 0.0]
-    assert len(utc_from_text([])) == 0
-
-
 @settings(deadline=None)
 @given(
     st.lists(

@@ -108,17 +108,17 @@ def study_file(text: str) -> Argument:
     return argument("study STUDY.toml", text, Path)
 
 
-def output_folder(text: str) -> tuple[Argument, Argument]:
+def output_folder() -> tuple[Argument, Argument]:
     """Return the options ``--out`` and ``--report``, which :func:`radioloc.cli.finish` obeys.
 
     Examples
     --------
     >>> from radioloc.cli import output_folder
-    >>> [option.names for option in output_folder("write tables to DIR")]
+    >>> [option.names for option in output_folder()]
     [('--out',), ('--report',)]
     """
-    page = flag("--report", "with --out, also write report.html, one page that shows everything")
-    return argument("--out DIR", text, Path), page
+    page = flag("--report", "with --out, also write the page report.html")
+    return argument("--out DIR", "write all files of the result to DIR", Path), page
 
 
 STUDY = study_file("the study file; - for standard input, with paths relative to the working directory")

@@ -17,18 +17,18 @@ from radioloc.errors import InputError
 
 def observation_file(usage: str, **more: Any) -> Argument:
     """Return a file of observations to write."""
-    text = "file to write; its ending names the format: .csv, .parquet, .tdm or .kvn; - for standard output"
+    text = "file to write: .csv, .parquet, .tdm or .kvn; - for standard output"
     return argument(usage, text, Path, **more)
 
 
 MESSAGE = (
     argument(
         "--format",
-        "format of what is written to standard output (default: csv)",
+        "format of standard output (default: csv)",
         choices=("csv", "parquet", "tdm"),
         default="csv",
     ),
-    argument("--originator NAME", "agency that makes the Tracking Data Message; required for .tdm and .kvn"),
+    argument("--originator NAME", "agency that makes the message"),
 )
 
 
@@ -43,16 +43,11 @@ def _observation_formats() -> Rows:
     observation_file("out OUT"),
     argument(
         "--sigma TYPE=METRES",
-        "sigma of the observations of one type, such as range=1.0, in Tracking Data Messages, which state none; "
-        "may be repeated",
+        "sigma of a type, such as range=1.0, in Tracking Data Messages, which state none; may be repeated",
         action="append",
         default=[],
     ),
-    argument(
-        "--study STUDY.toml",
-        "read as this study does, with its stations and what it says of Tracking Data Messages",
-        Path,
-    ),
+    argument("--study STUDY.toml", "read with the stations and conventions of this study", Path),
     *MESSAGE,
     examples=("laser.npt ranges.csv", "message.tdm ranges.csv --sigma range=1.0", "- - --format parquet"),
     help_tables=_observation_formats,
@@ -118,13 +113,10 @@ def _tell_written(options: argparse.Namespace, files: Sequence[Path]) -> int:
     "compare",
     _solution_files(", or positions in a TOML file"),
     JSON,
-    argument(
-        "--reference NAME",
-        "the solution or reference to compare the others with (default: the first reference)",
-    ),
-    argument("--target NAME", "the target to compare, of solutions that have several"),
-    argument("--published NAME", "also compare with the published positions of an object, such as Chang'e-3"),
-    *output_folder("write a table, comparison.json and a figure to DIR"),
+    argument("--reference NAME", "compare with this solution or reference (default: the first reference)"),
+    argument("--target NAME", "target to compare, of several"),
+    argument("--published NAME", "also compare with published positions, such as of Chang'e-3"),
+    *output_folder(),
     examples=(
         "results/solution.json published.toml",
         "a/solution.json b/solution.json --reference b --out compared",
@@ -143,7 +135,7 @@ def compare(options: argparse.Namespace) -> int:
     argument("case CASE", "folder of the case, with its case.toml", Path, nargs="?"),
     argument("--all DIR", "run and score all cases in DIR instead", Path),
     JSON,
-    *output_folder("write the table to DIR: scores.md, scores.json"),
+    *output_folder(),
     examples=("results/solution.json examples/benchmark/apollo15-2006", "--all examples/benchmark"),
 )
 def score(options: argparse.Namespace) -> int:
@@ -156,7 +148,7 @@ def score(options: argparse.Namespace) -> int:
 @command(
     "verify",
     argument("solution SOLUTION.json", "a solution.json", Path),
-    argument("--study FILE", "the study file, if it is no longer where it was", Path),
+    argument("--study FILE", "the study file, if it was moved", Path),
     examples=("results/solution.json",),
 )
 def verify(options: argparse.Namespace) -> int:
@@ -178,7 +170,7 @@ def _export_formats() -> Rows:
     argument("--start UTC", "first epoch of an .oem file, such as 2020-12-01T12:00:00"),
     argument("--stop UTC", "last epoch of an .oem file"),
     argument("--step SECONDS", "from state to state of an .oem file (default: 3600)", float),
-    argument("--originator NAME", "agency that makes an .oem file"),
+    argument("--originator NAME", "agency that makes the message"),
     examples=(
         "results/solution.json lander.geojson",
         "results/solution.json lander.bsp",

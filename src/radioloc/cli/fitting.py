@@ -11,7 +11,7 @@ from radioloc.cli.output import DONE, exit_status, finish, tell
 
 ARC_HOURS = argument(
     "--hours H",
-    "fit arcs of these lengths, in hours from the start (default: 12 24 48)",
+    "arc lengths in hours from the start (default: 12 24 48)",
     float,
     nargs="+",
     default=(12.0, 24.0, 48.0),
@@ -19,21 +19,19 @@ ARC_HOURS = argument(
 _FIT = (
     STUDY,
     JSON,
-    *output_folder("write solution.json, residuals.csv and plots to DIR"),
-    flag("--terms", "with --out, also write terms.csv: what each term of the model adds"),
+    *output_folder(),
+    flag("--terms", "with --out, also write terms.csv: contribution of each term"),
     argument(
-        "--residuals-tdm FILE",
-        "write the residuals to FILE as a Tracking Data Message; needs --originator",
-        Path,
+        "--residuals-tdm FILE", "write the residuals as a Tracking Data Message; needs --originator", Path
     ),
-    argument("--originator NAME", "agency that makes that message"),
+    argument("--originator NAME", "agency that makes the message"),
 )
 
 
 @command(
     "locate",
     *_FIT,
-    argument("--sinex FILE", "write the position with its covariance to FILE, in SINEX 2.02", Path),
+    argument("--sinex FILE", "write the position with its covariance in SINEX 2.02", Path),
     examples=("study.toml", "study.toml --out results --terms", "study.toml --json"),
 )
 def locate(options: argparse.Namespace) -> int:
@@ -89,7 +87,7 @@ def _solution(options: argparse.Namespace, *, fitted: bool) -> radioloc.Solution
     STUDY,
     JSON,
     ARC_HOURS,
-    *output_folder("write tables, a figure and all solutions to DIR"),
+    *output_folder(),
     examples=("study.toml --hours 6 12 24 --out results",),
 )
 def arcs(options: argparse.Namespace) -> int:
@@ -101,7 +99,7 @@ def arcs(options: argparse.Namespace) -> int:
     "leave-one-out",
     STUDY,
     JSON,
-    *output_folder("write leave_one_out.json and leave_one_out.csv to DIR"),
+    *output_folder(),
     examples=("study.toml --out results",),
 )
 def leave_one_out(options: argparse.Namespace) -> int:

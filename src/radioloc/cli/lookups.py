@@ -39,7 +39,7 @@ def doctor(options: argparse.Namespace) -> int:
     JSON,
     argument(
         "--frame FRAME",
-        "axes of these numbers, such as PA_DE440 or, with --epoch, IAU_MOON (default: ME_DE421)",
+        "axes of these numbers, such as PA_DE440; IAU_MOON with --epoch (default: ME_DE421)",
         default="ME_DE421",
     ),
     argument("--epoch UTC", "also show IAU_MOON, the IAU's mean rotation, at this epoch"),

@@ -23,8 +23,8 @@ _WORKERS = argument("--workers N", "processes (default: one for each core with 5
 _SCHEDULER = argument(
     "--scheduler ADDRESS", "run on the Dask cluster of this scheduler, such as tcp://host:8786"
 )
-_RESUME = flag("--resume", "go on from the trials or sites that are already in DIR")
-_SEED = argument("--seed N", "seed of the random numbers (default: the one in the study file)", int)
+_RESUME = flag("--resume", "continue from the trials or sites in DIR")
+_SEED = argument("--seed N", "seed of the random numbers (default: of the study)", int)
 
 
 @command(
@@ -59,7 +59,7 @@ def simulate(options: argparse.Namespace) -> int:
     _SEED,
     _WORKERS,
     _SCHEDULER,
-    *output_folder("write trials, summary and figures to DIR"),
+    *output_folder(),
     _RESUME,
     flag("--full", "fit every trial with the whole model rather than its linearization; slow"),
     examples=(
@@ -110,13 +110,13 @@ def _resumable(options: argparse.Namespace, run: Callable[..., Result], trials: 
         float,
         nargs="+",
     ),
-    argument("--reach METRES", "say after how many hours the 95 %% error radius is this small", float),
-    argument("--grid DEG", "map the accuracy of landing sites at this distance over the near side", float),
+    argument("--reach METRES", "find the hours after which the 95 %% radius is this small", float),
+    argument("--grid DEG", "map the accuracy of landing sites at this distance", float),
     argument("--region DEG", "edges of the map: WEST SOUTH EAST NORTH", float, nargs=4),
     _WORKERS,
     _SCHEDULER,
     _RESUME,
-    *output_folder("write tables and a figure to DIR; of several plans, to a folder each"),
+    *output_folder(),
     examples=(
         "plan.toml --reach 150",
         "one.toml two.toml --hours 6 12 24 --out plans",

@@ -16,8 +16,8 @@ _SPAN = (
         nargs="+",
         default=(),
     ),
-    argument("--start UTC", "first epoch (default: that of the schedule or of the data)"),
-    argument("--stop UTC", "last epoch (default: that of the schedule or of the data)"),
+    argument("--start UTC", "first epoch (default: of schedule or data)"),
+    argument("--stop UTC", "last epoch (default: of schedule or data)"),
 )
 
 
@@ -26,7 +26,7 @@ _SPAN = (
     STUDY,
     JSON,
     *_SPAN,
-    argument("--mask DEG", "lowest elevation at the stations (default: that of the schedule, or 10)", float),
+    argument("--mask DEG", "lowest elevation at the stations (default: of the schedule, or 10)", float),
     examples=("plan.toml", "study.toml --stations KASHI APOLLO --start 2026-12-01 --stop 2026-12-08 --json"),
 )
 def visibility(options: argparse.Namespace) -> int:
@@ -48,26 +48,26 @@ def visibility(options: argparse.Namespace) -> int:
     JSON,
     argument(
         "--at LON LAT HEIGHT",
-        "in place of a study: degrees in ME_DE421, m above 1737.4 km; needs --stations, --start and --stop",
+        "in place of a study: ME_DE421, m above 1737.4 km; needs --stations, --start and --stop",
         float,
         nargs=3,
     ),
     argument(
         "--eop-beyond METHOD",
-        "with --at, continue Earth orientation after the end of its table: hold or extrapolate",
+        "with --at, continue Earth orientation after the end of its table",
         choices=("hold", "extrapolate"),
     ),
     *_SPAN,
     argument(
         "--links",
-        "each station by itself, the first to the others, each to each, or the target to each (default: two_way)",
+        "two-way, from the first station to the others, all pairs, or from the target (default: two_way)",
         choices=("two_way", "three_way", "all", "one_way"),
         default="two_way",
     ),
     argument("--step SECONDS", "from epoch to epoch (default: 600)", float, default=600.0),
     argument("--frequency HZ", "received frequency without motion, for a column of Doppler", float),
     argument("--mask DEG", "lowest elevation at the stations (default: 0)", float, default=0.0),
-    argument("--out FILE", "write all rows and columns to FILE, as .csv", Path),
+    argument("--out FILE", "write all rows and columns as .csv", Path),
     examples=(
         "plan.toml --links three_way --frequency 8.47e9 --out table.csv",
         "--at -51.9162 43.0584 -2550.4 --stations KASHI --start 2020-12-02 --stop 2020-12-03",

@@ -23,7 +23,7 @@ def _image_tables() -> Rows:
     "images",
     study_file("a study file with [images], [image_point], [stereo] or [stereo_pair]"),
     JSON,
-    *output_folder("write solution.json and a figure to DIR"),
+    *output_folder(),
     examples=("descent.toml --out results",),
     help_tables=_image_tables,
 )
@@ -38,7 +38,7 @@ def images(options: argparse.Namespace) -> int:
     "base-map",
     study_file("a study file with [base_map]"),
     JSON,
-    *output_folder("write the mosaic, the orthophotos, tie points, base_map.json and a figure to DIR"),
+    *output_folder(),
     examples=("strips.toml --out map",),
     help_tables=_image_tables,
 )

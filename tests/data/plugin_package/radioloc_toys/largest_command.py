@@ -7,7 +7,7 @@ from radioloc.cli import JSON, STUDY, command, finish, output_folder
     "largest",
     STUDY,
     JSON,
-    *output_folder("write largest.json, largest.csv and a figure to DIR"),
+    *output_folder(),
     examples=("study.toml --out results",),
 )
 def largest(options):

@@ -22,5 +22,5 @@ def test_at_most_one_of_a_hundred():
         drawn = world.draw(seed=seed, draw_errors=True).observations
         solution = fit_arc(study, arc.with_values(drawn.value_m), left_out, study.estimate)
         assert solution.converged
-        messages += [str(item) for item in solution.consistency.found[:1]]
+        messages += [str(item) for item in solution.consistency.findings[:1]]
     assert len(messages) <= 1, messages

@@ -678,7 +678,7 @@ def run(world: World, fault: Fault, seed: int) -> Outcome:
             return Outcome(
                 world.name, fault.name, seed, outcome, "refused", np.nan, np.nan, (), -1, str(error)
             )
-    named = tuple(str(item) for item in solution.consistency.found)
+    named = tuple(str(item) for item in solution.consistency.findings)
     notes = " | ".join([solution.message, *solution.notes, *(str(item.message) for item in caught)])
     notes = _ADVICE.sub("", notes)
     distances = world.distances(solution)

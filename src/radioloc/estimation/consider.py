@@ -73,7 +73,7 @@ class Consider:
             (*self.in_weights, *effects.in_weights),
         )
 
-    def to_list(self, enu_by_parameters: Floats | None) -> list[dict[str, Any]]:
+    def to_list(self, enu_partials: Floats | None) -> list[dict[str, Any]]:
         """Return records for JSON by descending effect on the position, which needs its partials (3, p)."""
         records: list[dict[str, Any]] = []
         for k, item in enumerate(self.parameters):
@@ -81,8 +81,8 @@ class Consider:
                 {"name": item.name, "unit": item.unit, "sigma": item.prior_sigma} | span_record(item)
             )
             records[-1]["in_weights"] = item.kind in self.in_weights
-            if enu_by_parameters is not None:
-                records[-1]["position_enu_m"] = (enu_by_parameters @ self.sensitivity[:, k]).tolist()
+            if enu_partials is not None:
+                records[-1]["position_enu_m"] = (enu_partials @ self.sensitivity[:, k]).tolist()
         return sorted(records, key=lambda record: -float(np.linalg.norm(record.get("position_enu_m", 0.0))))
 
 
@@ -227,7 +227,7 @@ def shared_prior_effects(parameters: ParameterSet, effects: Floats) -> dict[str,
 
 def error_budget(
     parameters: ParameterSet,
-    enu_by_parameters: Floats,
+    enu_partials: Floats,
     enu_covariance_m2: Floats,
     effects: Floats,
     considered: Consider | None,
@@ -242,7 +242,7 @@ def error_budget(
     def squared(moved_m: Floats, k: int) -> Floats:
         return np.asarray(moved_m[..., :, None, k] * moved_m[..., None, :, k])
 
-    prior_effects_m = enu_by_parameters @ effects
+    prior_effects_m = enu_partials @ effects
     covariances = {(NOISE, ""): enu_covariance_m2 - prior_effects_m @ np.swapaxes(prior_effects_m, -1, -2)}
     shared = shared_prior_effects(parameters, effects)
     key_of_error: dict[str, tuple[str, str]] = {}
@@ -255,12 +255,12 @@ def error_budget(
         key_of_error |= dict.fromkeys(item.prior_errors, key)
     for name, effect in shared.items():
         kind, _, label = name.partition(".")
-        error_m2 = squared((enu_by_parameters @ effect)[..., None], 0)
+        error_m2 = squared((enu_partials @ effect)[..., None], 0)
         covariances[key_of_error[name]] = covariances[key_of_error[name]] - error_m2
         key = kind, label.rpartition(".")[0] or label
         covariances[key] = covariances.get(key, 0.0) + error_m2
     if considered is not None:
-        considered_effects_m = enu_by_parameters @ considered.sensitivity + direct_m
+        considered_effects_m = enu_partials @ considered.sensitivity + direct_m
         for k, item in enumerate(considered.parameters):
             key = item.kind, owner(item)
             covariances[key] = covariances.get(key, 0.0) + squared(considered_effects_m, k)

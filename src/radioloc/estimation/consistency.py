@@ -34,10 +34,10 @@ from radioloc.estimation.editing import EditedFit
 from radioloc.estimation.group_tests import (
     BinnedProblem,
     ScoreProducts,
-    Verdict,
+    ScoreTest,
+    chi2_log_p_value,
     estimate_change,
-    log_probability,
-    log_probability_of_ratio,
+    f_log_p_value,
 )
 from radioloc.estimation.hypotheses import TERM, Family, Hypotheses, Hypothesis, Links, Span, passes
 from radioloc.estimation.reliability import Reliability, assess_reliability
@@ -70,7 +70,7 @@ class ConsistencyTest:
     name: str  # station, link, type or parameter that is tested
     chi2: float  # test statistic
     dof: int
-    log10_chance: float  # log10 of the p-value, corrected for the number of tests
+    log10_p_value: float  # log10 of the p-value, corrected for the number of tests
     # Change of the position by the removal or estimation, together with the preceding findings, and its sigma
     shift_enu_m: tuple[float, float, float] | None
     shift_sigma_enu_m: tuple[float, float, float] | None
@@ -86,7 +86,7 @@ class ConsistencyTest:
     @property
     def significant(self) -> bool:
         """True if the p-value is below the significance level."""
-        return self.log10_chance < math.log10(SIGNIFICANCE_LEVEL)
+        return self.log10_p_value < math.log10(SIGNIFICANCE_LEVEL)
 
     @property
     def participants(self) -> frozenset[str]:
@@ -95,9 +95,8 @@ class ConsistencyTest:
 
     def to_dict(self) -> dict[str, Any]:
         """Return all fields for JSON; a significant test has a sentence as ``text``."""
-        content: dict[str, Any] = {
-            name: getattr(self, name) for name in ("kind", "name", "chi2", "dof", "log10_chance")
-        }
+        content: dict[str, Any] = {name: getattr(self, name) for name in ("kind", "name", "chi2", "dof")}
+        content["log10_chance"] = self.log10_p_value
         for key in ("shift", "shift_sigma"):
             values = getattr(self, f"{key}_enu_m") or (None, None, None)
             content[key] = dict(zip(("east_m", "north_m", "up_m"), values, strict=True))
@@ -180,16 +179,18 @@ class Consistency:
     """Results of the consistency tests of a fit."""
 
     groups: tuple[ConsistencyTest, ...] = ()  # tests of all groups, significant or not
-    found: tuple[ConsistencyTest, ...] = ()  # significant tests, each with the preceding ones as parameters
+    findings: tuple[
+        ConsistencyTest, ...
+    ] = ()  # significant tests, each with the preceding ones as parameters
     adapted: AdaptedEstimate | None = None  # estimate with the findings as parameters; None without findings
     reliability: tuple[Reliability, ...] = ()  # of all hypotheses on errors that last for the whole arc
 
     def __repr__(self) -> str:
-        return f"<Consistency of {len(self.groups)} groups, {len(self.found)} finding(s)>"
+        return f"<Consistency of {len(self.groups)} groups, {len(self.findings)} finding(s)>"
 
     def to_list(self) -> list[dict[str, Any]]:
         """Return findings and groups in types of JSON."""
-        return [item.to_dict() for item in (*self.found, *self.groups)]
+        return [item.to_dict() for item in (*self.findings, *self.groups)]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -199,7 +200,7 @@ class _Test:
     kind: str
     name: str
     columns: Floats
-    verdict: Verdict
+    verdict: ScoreTest
     log_count: float  # logarithm of the number of tests
     hypothesis: Hypothesis | None = None  # None of a group
     indices: tuple[int, ...] = ()  # of the columns in products of all hypotheses
@@ -207,11 +208,11 @@ class _Test:
     span_s: Span = None
     alternatives: tuple[_Test, ...] = ()
     # Logarithm of the corrected p-value, by default that of the verdict.
-    log_chance: float = field(default=math.nan)
+    log_p_value: float = field(default=math.nan)
 
     def __post_init__(self) -> None:
-        if math.isnan(self.log_chance):
-            set_fields(self, log_chance=self.verdict.log_chance + self.log_count)
+        if math.isnan(self.log_p_value):
+            set_fields(self, log_p_value=self.verdict.log_p_value + self.log_count)
 
     @property
     def sigmas(self) -> float:
@@ -221,13 +222,13 @@ class _Test:
     @property
     def significant(self) -> bool:
         """True if the p-value is below the significance level."""
-        return self.log_chance < math.log(SIGNIFICANCE_LEVEL)
+        return self.log_p_value < math.log(SIGNIFICANCE_LEVEL)
 
 
 def assess_consistency(
     hypotheses: Hypotheses | None,
     epoch_utc: Epochs,
-    enu_by_parameters: Floats | None,
+    enu_partials: Floats | None,
     rejected: Sequence[ConsistencyTest] = (),
     state_by_parameters: Floats | None = None,
 ) -> Consistency:
@@ -237,11 +238,11 @@ def assess_consistency(
     not show them (`tests/unit/jobs/test_consistency.py`).
     """
     if hypotheses is None:
-        return Consistency(found=tuple(rejected))
+        return Consistency(findings=tuple(rejected))
     problem = hypotheses.problem
-    search = _Search(hypotheses, epoch_utc, enu_by_parameters)
+    search = _Search(hypotheses, epoch_utc, enu_partials)
     reliability_search = (
-        search if state_by_parameters is None else replace(search, enu_by_parameters=state_by_parameters)
+        search if state_by_parameters is None else replace(search, enu_partials=state_by_parameters)
     )
     group_tests = search.groups(problem)
     groups = tuple(search.record(test) for test in group_tests)
@@ -290,7 +291,7 @@ def rejected_runs(
             order.series[order.code[rows[0]]].name,
             chi2,
             len(rows),
-            log_probability(chi2, len(rows)) / math.log(10.0),
+            chi2_log_p_value(chi2, len(rows)) / math.log(10.0),
             None,
             None,
             {"": float(residual_m.mean())},
@@ -306,7 +307,7 @@ class _Search:
 
     hypotheses: Hypotheses
     epoch_utc: Epochs
-    enu_by_parameters: Floats | None
+    enu_partials: Floats | None
 
     def groups(self, problem: BinnedProblem) -> list[_Test]:
         """Test the removal of each link, type, station and pass of a station."""
@@ -351,18 +352,18 @@ class _Search:
         tests, begin = list[_Test](), 0
         for item in hypotheses:
             indices = tuple(range(begin, begin := begin + item.columns.shape[1]))
-            verdict = products.verdict(indices, item.links)
+            verdict = products.test(indices, item.links)
             if verdict is not None:
                 log_count = _log_test_count(counts[item.family])
                 test = _Test(item.kind, item.name, item.columns, verdict, log_count, item, indices)
                 tests.append(replace(test, links=item.links, span_s=item.span_s))
         if group is not None:
             indices = tuple(range(begin, begin + group.columns.shape[1]))
-            verdict = products.verdict(indices, group.links, scaled=True)
+            verdict = products.test(indices, group.links, scaled=True)
             tests += (
                 []
                 if verdict is None
-                else [replace(group, verdict=verdict, indices=indices, log_chance=math.nan)]
+                else [replace(group, verdict=verdict, indices=indices, log_p_value=math.nan)]
             )
         return products, tests
 
@@ -377,13 +378,13 @@ class _Search:
 
     def _enu_by_unit(self) -> Floats | None:
         """Return the partials of the position by the first parameters of the problem, (3, w)."""
-        if self.enu_by_parameters is None:
+        if self.enu_partials is None:
             return None
         fit = self.hypotheses.fit
         units, width = self.hypotheses.units
         estimated = fit.parameters.free & ~fit.parameters.considered
         adjusted = estimated[fit.parameters.free]
-        return self.enu_by_parameters[:, np.flatnonzero(estimated)] @ units[adjusted, :width]
+        return self.enu_partials[:, np.flatnonzero(estimated)] @ units[adjusted, :width]
 
     def most_significant(self, problem: BinnedProblem, group_tests: list[_Test]) -> _Test | None:
         """Return the most significant explanation or group, with alternatives that the data cannot exclude."""
@@ -402,8 +403,8 @@ class _Search:
                 break
             best = likeliest
         noise_dof, verdict = products.noise_dof(best.indices, best.verdict.estimate), best.verdict
-        log_ratio_chance = log_probability_of_ratio(verdict.chi2 / verdict.inflation, verdict.dof, noise_dof)
-        best = replace(best, log_chance=min(initial.log_chance, log_ratio_chance + best.log_count))
+        log_ratio_chance = f_log_p_value(verdict.chi2 / verdict.variance_factor, verdict.dof, noise_dof)
+        best = replace(best, log_p_value=min(initial.log_p_value, log_ratio_chance + best.log_count))
         return _with_alternatives(best, products, tests, noise_dof) if best.significant else best
 
     def joint_records(self, findings: list[_Test], problem: BinnedProblem) -> Iterator[ConsistencyTest]:
@@ -411,13 +412,13 @@ class _Search:
         fitted, changed = self.hypotheses.fitted, self.hypotheses.problem.with_noise_of(problem)
         for test in findings:
             changed = changed.with_parameters(test.columns)
-            shift, root_of_shift = estimate_change(fitted, changed)
+            shift, root_shift = estimate_change(fitted, changed)
             begin, end = len(changed.estimate) - test.columns.shape[1], len(changed.estimate)
             verdict = replace(
                 test.verdict,
                 estimate=problem.estimate[begin:end],
                 shift=shift,
-                root_of_shift=root_of_shift,
+                root_shift=root_shift,
             )
             yield self.record(replace(test, verdict=verdict))
 
@@ -436,7 +437,7 @@ class _Search:
         """Return whether a run of outliers is off once the findings are parameters."""
         verdict = problem.test(self.hypotheses.run(rows).columns)
         log_count = _log_test_count(len(self.hypotheses.readmitted))
-        return verdict is not None and verdict.log_chance + log_count < math.log(SIGNIFICANCE_LEVEL)
+        return verdict is not None and verdict.log_p_value + log_count < math.log(SIGNIFICANCE_LEVEL)
 
     def record(self, test: _Test) -> ConsistencyTest:
         """Return the record of a test."""
@@ -445,7 +446,7 @@ class _Search:
         if (by_unit := self._enu_by_unit()) is not None:
             width = by_unit.shape[1]
             shift_m = tuple((by_unit @ verdict.shift[:width]).tolist())
-            sigma_m = tuple(np.linalg.norm(by_unit @ verdict.root_of_shift[:width], axis=1).tolist())
+            sigma_m = tuple(np.linalg.norm(by_unit @ verdict.root_shift[:width], axis=1).tolist())
         amounts, data_values = dict[str, float](), dict[str, float]()
         if item is not None:
             values = verdict.estimate * item.sigmas
@@ -459,7 +460,7 @@ class _Search:
             test.name,
             verdict.chi2,
             verdict.dof,
-            min(test.log_chance, 0.0) / math.log(10.0),
+            min(test.log_p_value, 0.0) / math.log(10.0),
             shift_m,
             sigma_m,
             amounts,
@@ -502,10 +503,10 @@ def _with_alternatives(best: _Test, products: ScoreProducts, tests: list[_Test],
         if test.hypothesis is None:
             continue
         union = tuple(dict.fromkeys((*test.indices, *best.indices)))
-        union_verdict = products.verdict(union)
+        union_verdict = products.test(union)
         assert union_verdict is not None  # a part of it is determined
         added_chi2, added_dof = union_verdict.chi2 - test.verdict.chi2, union_verdict.dof - test.verdict.dof
-        if added_dof and log_probability_of_ratio(added_chi2, added_dof, noise_dof) < _LOG_ALTERNATIVE_LEVEL:
+        if added_dof and f_log_p_value(added_chi2, added_dof, noise_dof) < _LOG_ALTERNATIVE_LEVEL:
             continue
         possible.append(test)
     possible.sort(key=lambda test: (len(test.indices), test.sigmas))
@@ -517,7 +518,7 @@ def _with_alternatives(best: _Test, products: ScoreProducts, tests: list[_Test],
     if not causes:
         return best
     first, *alternatives = causes
-    return replace(first, log_chance=best.log_chance, alternatives=tuple(alternatives))
+    return replace(first, log_p_value=best.log_p_value, alternatives=tuple(alternatives))
 
 
 def _is_named_otherwise(test: _Test, products: ScoreProducts, tests: list[_Test]) -> bool:
@@ -546,7 +547,7 @@ def _log_odds(test: _Test) -> float:
 
 
 def _log_chance(test: _Test) -> float:
-    return test.log_chance
+    return test.log_p_value
 
 
 def _log_test_count(count: int) -> float:

@@ -40,7 +40,7 @@ _MIN_VARIANCE_OBSERVATIONS = 20  # observations that determine the variance of a
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Verdict:
+class ScoreTest:
     """Chi-square test of added columns."""
 
     chi2: float
@@ -48,9 +48,9 @@ class Verdict:
     estimate: Floats  # (k,), coefficients of the columns
     root: Floats  # (k, dof), square root of their covariance
     shift: Floats  # (c,), change of the parameters
-    root_of_shift: Floats  # (c, dof), square root of the covariance of the shift under the null hypothesis
-    log_chance: float  # logarithm of the p-value
-    inflation: float = 1.0  # variance factor of the common errors of links
+    root_shift: Floats  # (c, dof), square root of the covariance of the shift under the null hypothesis
+    log_p_value: float  # logarithm of the p-value
+    variance_factor: float = 1.0  # variance factor of the common errors of links
 
 
 @dataclass(frozen=True, eq=False)
@@ -241,12 +241,12 @@ class BinnedProblem:
 
     def test(
         self, columns: Floats, links: Mapping[int, float] | None = None, *, scaled: bool = False
-    ) -> Verdict | None:
+    ) -> ScoreTest | None:
         """Test whether coefficients of columns (n + k, w) are zero; None if the parameters absorb the columns.
 
         Columns are `scaled` if their norms are those of :meth:`removal`.
         """
-        return self.products(columns).verdict(slice(None), links, scaled=scaled)
+        return self.products(columns).test(slice(None), links, scaled=scaled)
 
     def products(self, columns: Floats) -> ScoreProducts:
         """Products of columns (n + k, w) for tests of any of them."""
@@ -355,13 +355,13 @@ class ScoreProducts:
         absorbed = np.einsum("wc,cw->w", self.with_partials[columns], self.gain[:, columns])
         return np.asarray(self.size[columns] ** 2 - absorbed)
 
-    def verdict(
+    def test(
         self,
         indices: Sequence[int] | slice = slice(None),
         links: Mapping[int, float] | None = None,
         *,
         scaled: bool = False,
-    ) -> Verdict | None:
+    ) -> ScoreTest | None:
         """Test some of the columns together; None if the parameters absorb them."""
         columns = np.arange(len(self.size))[indices if isinstance(indices, slice) else list(indices)]
         size, score, gain = self.size[columns], self.score[columns], self.gain[:, columns]
@@ -378,8 +378,8 @@ class ScoreProducts:
         chi2, dof, inflation = float(components @ components), int(determined.sum()), 1.0
         if links:  # errors of a station are common to its baselines
             inflation = self.problem.inflation(links, shift, self.whitened[:, columns] @ estimate)
-        log_chance = log_probability(chi2 / inflation, dof)
-        return Verdict(chi2, dof, estimate, root, shift, gain @ root, log_chance, inflation)
+        log_p_value = chi2_log_p_value(chi2 / inflation, dof)
+        return ScoreTest(chi2, dof, estimate, root, shift, gain @ root, log_p_value, inflation)
 
     def noise_dof(self, indices: Sequence[int], estimate: Floats) -> float:
         """Degrees of freedom of the variance of the estimated coefficients of some columns."""
@@ -506,7 +506,7 @@ def _spread(independent: Floats) -> float:
     return max(1.0, float(np.median(squares)) / _MEDIAN_CHI2_1)
 
 
-def log_probability_of_ratio(chi2: float, dof: int, noise_dof: float) -> float:
+def f_log_p_value(chi2: float, dof: int, noise_dof: float) -> float:
     """Logarithm of the upper tail probability of chi-square by an estimated variance (Fisher's distribution)."""
     from scipy.special import betainc
 
@@ -514,7 +514,7 @@ def log_probability_of_ratio(chi2: float, dof: int, noise_dof: float) -> float:
     return math.log(max(probability, 1e-300))
 
 
-def log_probability(chi2: float, dof: int) -> float:
+def chi2_log_p_value(chi2: float, dof: int) -> float:
     """Logarithm of the upper tail probability of chi-square."""
     from scipy.special import gammaincc, gammaln
 

@@ -89,16 +89,18 @@ def assess_reliability(
         if enu_by_unit is not None:
             gain = enu_by_unit @ products.gain[: enu_by_unit.shape[1], list(indices)] / item.sigmas
             result = replace(result, shift_per_unit_m=float(np.linalg.norm(gain, 2)))
-        verdict = products.verdict(indices, item.links)
+        verdict = products.test(indices, item.links)
         if verdict is not None:
             fractions = 1.0 / np.square(products.size[list(indices), None] * verdict.root).sum(axis=0)
             revealed = fractions >= MIN_REVEALED_FRACTION
             if revealed.any():
-                length = math.sqrt(noncentrality(log_levels[item.family], verdict.dof) * verdict.inflation)
+                length = math.sqrt(
+                    noncentrality(log_levels[item.family], verdict.dof) * verdict.variance_factor
+                )
                 sizes = np.linalg.svd(item.sigmas[:, None] * verdict.root[:, revealed], compute_uv=False)
                 result = replace(result, minimal=length * float(sizes[-1]))
                 if enu_by_unit is not None:
-                    root_m = enu_by_unit @ verdict.root_of_shift[: enu_by_unit.shape[1], revealed]
+                    root_m = enu_by_unit @ verdict.root_shift[: enu_by_unit.shape[1], revealed]
                     result = replace(result, shift_m=length * float(np.linalg.norm(root_m, 2)))
         results.append(result)
     return tuple(results)

@@ -19,7 +19,7 @@ import numpy as np
 
 from radioloc.estimation.consistency import ConsistencyTest
 from radioloc.estimation.editing import EditedFit
-from radioloc.estimation.group_tests import log_probability
+from radioloc.estimation.group_tests import chi2_log_p_value
 from radioloc.estimation.noise_structure import MIN_DIFFERENCES, Differences
 from radioloc.estimation.series import SeriesOrder
 from radioloc.estimation.variance_components import mean_leverage
@@ -88,7 +88,7 @@ def wrong_sigmas(edited: EditedFit, stated_m: Floats, order: SeriesOrder) -> Ite
             name,
             chi2,
             dof,
-            _log10_chance(chi2, dof),
+            _log10_p_value(chi2, dof),
             None,
             None,
             {"": ratio},
@@ -110,10 +110,10 @@ def _sets(order: SeriesOrder, tested: list[int]) -> Iterator[tuple[str, list[int
         yield order.series[code].name, [code]
 
 
-def _log10_chance(chi2: float, dof: int) -> float:
+def _log10_p_value(chi2: float, dof: int) -> float:
     """Logarithm of the probability of a chi-square at least as far from its mean, on its side."""
     from scipy.special import gammainc
 
     if chi2 > dof:
-        return log_probability(chi2, dof) / math.log(10.0)
+        return chi2_log_p_value(chi2, dof) / math.log(10.0)
     return math.log10(max(float(gammainc(0.5 * dof, 0.5 * chi2)), 1e-300))

@@ -68,13 +68,13 @@ def with_mistake(problem: EstimationProblem, solution: Solution, edited: EditedF
     """Return a solution whose finding is the mistake that explains the observations, if there is any."""
     if problem.estimate is None or problem.process_noise is not None:
         return solution
-    is_right = solution.converged and not solution.consistency.found
+    is_right = solution.converged and not solution.consistency.findings
     if is_right and not _is_mostly_unused(problem, edited.fit.used):
         return solution
     mistake = find_mistake(problem, edited.fit.x)
     if mistake is None:
         return solution
-    solution = replace(solution, consistency=replace(solution.consistency, found=(mistake,)))
+    solution = replace(solution, consistency=replace(solution.consistency, findings=(mistake,)))
     if not solution.converged:
         return solution
     return replace(

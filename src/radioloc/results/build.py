@@ -113,15 +113,15 @@ def build_solution(
         **described,
     )
     if consistency:
-        by_parameters = None if solution.trajectory is not None else solution.enu_by_parameters
+        by_parameters = None if solution.trajectory is not None else solution.enu_partials
         hypotheses = Hypotheses.from_fit(edited, order, correlation, considered, candidates, count_s, runs)
         rejected = tuple(rejected_runs(edited, order, runs, epoch_utc, count_s))
         is_axis = [[item.name == f"state.{axis}" for item in solution.parameters] for axis in "xyz"]
         by_state = np.array(is_axis, dtype=np.float64) if np.any(is_axis) else None
         tests = assess_consistency(hypotheses, epoch_utc, by_parameters, rejected, by_state)
         sigmas = () if stated_m is None else wrong_sigmas(edited, stated_m, order)
-        findings = map(_with_forces, tests.found) if by_state is not None else tests.found
-        tests = replace(tests, found=(*findings, *sigmas))
+        findings = map(_with_forces, tests.findings) if by_state is not None else tests.findings
+        tests = replace(tests, findings=(*findings, *sigmas))
         solution = with_findings(replace(solution, consistency=tests))
     return solution
 
@@ -139,7 +139,7 @@ def with_findings(solution: Solution) -> Solution:
     if adapted is None:
         return solution
     sigmas = _shift_sigmas(solution, adapted)
-    name = f"{UNMODELLED_ERROR}.{solution.consistency.found[0].name}"
+    name = f"{UNMODELLED_ERROR}.{solution.consistency.findings[0].name}"
     error = Parameter(name, "1", UNMODELLED_ERROR, prior_sigma=1.0, role=Role.CONSIDERED)
     effect = Consider(ParameterSet([error]), adapted.shift[:, None])
     solution = replace(
@@ -172,7 +172,7 @@ def _shift_sigmas(solution: Solution, adapted: AdaptedEstimate) -> float:
         ]
     else:
         places = [solution.of_target(target.name) for target in solution.targets] or [solution]
-        maps = [(place.enu_by_parameters, place.position_covariance()) for place in places]
+        maps = [(place.enu_partials, place.position_covariance()) for place in places]
     return max(
         min(
             _distance_sigmas(by @ adapted.shift, item)

@@ -78,7 +78,7 @@ def rejected_detail(solution: Solution) -> Detail:
 
 def inconsistent(solution: Solution, *, outside_ellipsoid: bool) -> Iterator[ConsistencyTest]:
     """Yield the inconsistencies that move the position out of its 68 % ellipsoid, or all others."""
-    for item in solution.consistency.found:
+    for item in solution.consistency.findings:
         if outside_ellipsoid == _leaves_ellipsoid(solution, item.shift_enu_m):
             yield item
 
@@ -87,7 +87,7 @@ def findings(solution: Solution, *, outside_ellipsoid: bool) -> Iterator[str]:
     """Yield the inconsistencies that move the position out of its ellipsoid, or others, and the adapted position."""
     texts = [str(item) for item in inconsistent(solution, outside_ellipsoid=outside_ellipsoid)]
     yield from (f"WARNING: {text}" if outside_ellipsoid else text for text in texts)
-    adapted, count = solution.with_findings(), len(solution.consistency.found)
+    adapted, count = solution.with_findings(), len(solution.consistency.findings)
     if adapted is None or not texts or not (outside_ellipsoid or len(texts) == count):
         return
     longitude_deg, latitude_deg, height_m = adapted.selenographic
@@ -104,7 +104,7 @@ def _leaves_ellipsoid(solution: Solution, shift_enu_m: tuple[float, float, float
         return False
     shift_m, covariance_m2 = np.array(shift_enu_m), solution.position_covariance()
     if (adapted := solution.consistency.adapted) is not None:  # the ellipsoid without the findings
-        joint_shift_m = solution.enu_by_parameters @ adapted.shift
+        joint_shift_m = solution.enu_partials @ adapted.shift
         covariance_m2 = covariance_m2 - np.outer(joint_shift_m, joint_shift_m)
     dof = int(np.linalg.matrix_rank(covariance_m2, hermitian=True))  # a fixed direction has zero variance
     chi2 = float(shift_m @ np.linalg.pinv(covariance_m2, hermitian=True) @ shift_m)

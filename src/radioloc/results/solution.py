@@ -206,7 +206,7 @@ class Solution(Result):
         return np.asarray(east_north_up(longitude_rad, latitude_rad) @ self.rot_pa_to_me)
 
     @property
-    def enu_by_parameters(self) -> Floats:
+    def enu_partials(self) -> Floats:
         """d(position east, north, up)/d(parameter), shape (3, p)."""
         return np.asarray(self.rot_pa_to_enu @ self.position_partials)
 
@@ -255,7 +255,7 @@ class Solution(Result):
             return np.diag([np.inf, np.inf, np.inf])
         # Parameters without part in the position may have infinite variances; they must not meet the zeros here.
         involved = self._involved
-        root = self.enu_by_parameters[:, involved]
+        root = self.enu_partials[:, involved]
         in_enu = root @ self.parameter_covariance(level)[np.ix_(involved, involved)] @ root.T
         if level == "total":
             in_enu = in_enu + np.diag(self.ephemeris_sigma_enu_m**2)
@@ -312,7 +312,7 @@ class Solution(Result):
             return ()
         items = error_budget(
             self.parameters,
-            self.enu_by_parameters,
+            self.enu_partials,
             self.position_covariance("enu", "scaled"),
             self.prior_effects,
             self.consider,
@@ -403,7 +403,7 @@ class Solution(Result):
         return {
             "position": place_record(solution.me_frame, solution.selenographic, solution.position_me_m),
             "sigma": by_axis(EAST_NORTH_UP, solution.sigma_enu_m()),
-            "shift": by_axis(EAST_NORTH_UP, self.enu_by_parameters @ adapted.shift),
+            "shift": by_axis(EAST_NORTH_UP, self.enu_partials @ adapted.shift),
             "shift_sigmas": adapted.shift_sigmas,
         }
 
@@ -529,11 +529,11 @@ class Solution(Result):
         """Return the shift of the position by one sigma of each consider parameter and a-priori value."""
         rows: dict[str, list[dict[str, Any]]] = {"priors": []}
         if self.consider is not None:
-            partials = None if self.trajectory is not None else self.enu_by_parameters
+            partials = None if self.trajectory is not None else self.enu_partials
             rows["considered"] = self.consider.to_list(partials)
         if self.trajectory is not None or not self.position_determined:
             return rows
-        shifts_m = self.enu_by_parameters @ self.prior_effects
+        shifts_m = self.enu_partials @ self.prior_effects
         rows["priors"] = [
             {"name": item.name, "unit": item.unit, "value": item.prior_value, "sigma": item.prior_sigma}
             | span_record(item)
@@ -548,7 +548,7 @@ class Solution(Result):
                     "name": name,
                     "unit": "1",
                     "sigma": 1.0,
-                    "position_enu_m": (self.enu_by_parameters @ effect).tolist(),
+                    "position_enu_m": (self.enu_partials @ effect).tolist(),
                 }
                 for name, effect in shared.items()
             )

@@ -302,7 +302,7 @@ def _common_range_bias(solution: Solution) -> Iterator[str]:
     if solution.consider is None or estimated or not biases:
         return
     consider, columns = solution.consider, list(biases)
-    by_sigmas = solution.enu_by_parameters @ consider.sensitivity[:, columns]
+    by_sigmas = solution.enu_partials @ consider.sensitivity[:, columns]
     shift_m = float(np.linalg.norm(by_sigmas @ (1.0 / consider.parameters.prior_sigmas[columns])))
     stations = {owner(consider.parameters.parameters[k]) for k in columns}
     common = " common to all stations" if len(stations) > 1 else ""

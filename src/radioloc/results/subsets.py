@@ -625,7 +625,7 @@ class LeaveOneOut(Result):
 
     @property
     def _findings(self) -> tuple[ConsistencyTest, ...]:
-        return self.solution.consistency.found
+        return self.solution.consistency.findings
 
     def _reason(self, row: Omission) -> str:
         """Return the reason for a shift, which agrees with the findings of the consistency tests."""

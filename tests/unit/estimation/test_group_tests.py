@@ -5,7 +5,7 @@ import pytest
 
 from radioloc.estimation import Labels, Parameter, ParameterSet
 from radioloc.estimation.gauss_markov import SeriesNoise
-from radioloc.estimation.group_tests import BinnedProblem, log_probability
+from radioloc.estimation.group_tests import BinnedProblem, chi2_log_p_value
 from radioloc.estimation.least_squares import fit_least_squares
 from radioloc.estimation.series import SeriesOrder
 from radioloc.noise import ObservationCovariance, SharedAtEpoch, White
@@ -58,7 +58,7 @@ def test_without_a_group():
         shift = fit.factor.root_covariance() @ verdict.shift
         np.testing.assert_allclose(shift, reference.x - fit.x, atol=STOPPED)
         # Of efficient estimates the covariance of the difference is the difference of the covariances
-        root = fit.factor.root_covariance() @ verdict.root_of_shift
+        root = fit.factor.root_covariance() @ verdict.root_shift
         np.testing.assert_allclose(root @ root.T, reference.covariance - fit.covariance, atol=1e-9)
         assert verdict.dof == 4
 
@@ -125,11 +125,11 @@ def test_chance_is_uniform():
     for seed in range(200):
         *_, binned = problem(seed, ObservationCovariance.from_sigma(1.0, 3 * N))
         verdict = binned.test(binned.removal({1: 1.0}))
-        logs.append(verdict.log_chance)
+        logs.append(verdict.log_p_value)
     assert -np.mean(logs) == pytest.approx(1.0, abs=0.22)
 
 
 def test_chances_far_below_what_floats_hold():
-    assert log_probability(3.841, 1) == pytest.approx(np.log(0.05), rel=1e-3)
-    below_switch, above_switch = log_probability(1280.0, 3), log_probability(1300.0, 3)
+    assert chi2_log_p_value(3.841, 1) == pytest.approx(np.log(0.05), rel=1e-3)
+    below_switch, above_switch = chi2_log_p_value(1280.0, 3), chi2_log_p_value(1300.0, 3)
     assert above_switch - below_switch == pytest.approx(-10.0, abs=0.1)

@@ -78,7 +78,7 @@ def test_a_minimal_detectable_bias_is_found_in_80_percent_of_draws():
         noise_m = rng.normal(size=len(DESIGN))
         noise_m += DESIGN[:, [0, 2]] @ (np.array([5.0, 0.5]) * rng.normal(size=2))
         _, problem = binned(noise_m + minimal_m * OF_B)
-        detected += problem.test(problem.columns({1: 1.0})).log_chance < LOG_LEVEL
+        detected += problem.test(problem.columns({1: 1.0})).log_p_value < LOG_LEVEL
     assert detected / trial_count == pytest.approx(0.8, abs=3.0 * math.sqrt(0.8 * 0.2 / trial_count))
 
 

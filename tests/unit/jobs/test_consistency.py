@@ -41,8 +41,8 @@ def fitted(study, tracking):
 
 def strongest_test(study, observations, added_m):
     solution = radioloc.locate(study, replace(observations, value_m=observations.value_m + added_m))
-    assert str(solution.consistency.found[0]) in " ".join(str(solution).split())
-    return solution, solution.consistency.found[0]
+    assert str(solution.consistency.findings[0]) in " ".join(str(solution).split())
+    return solution, solution.consistency.findings[0]
 
 
 @pytest.mark.study
@@ -92,7 +92,7 @@ def test_laser_points_of_later_nights():
 
 @pytest.mark.study
 def test_nothing_is_said_of_data_that_fit(fitted):
-    assert not fitted.consistency.found
+    assert not fitted.consistency.findings
     groups = fitted.consistency.groups
     assert {"station", "link", "type", "pass"} == {item.kind for item in groups}
     assert {item.name for item in groups if item.kind == "station"} >= set(RANGING)
@@ -104,7 +104,7 @@ def test_baseline_that_is_off(study, tracking, path):
     """Test one of six, off by 1 m, against the triangles that it closes."""
     _, first = strongest_test(study, tracking, 1.0 * (np.array(tracking.paths()) == path))
     assert (first.kind, first.name) == ("offset", f"vlbi_delay {path}")
-    assert first.log10_chance < -10.0
+    assert first.log10_p_value < -10.0
     # Clocks and weather of both stations are 0.1 m each.
     assert first.amounts[""] * C_M_S == pytest.approx(1.0, abs=0.25)
 
@@ -128,7 +128,7 @@ def test_late_time_tags_are_named_and_estimating_them_brings_the_position_back()
     epoch = ranges.epoch
     delayed = replace(ranges, epoch=Epochs(epoch.jd, epoch.fraction + 0.1 / 86400.0, "UTC"))
     solution = radioloc.locate(study, delayed)
-    first = solution.consistency.found[0]
+    first = solution.consistency.findings[0]
     assert (first.kind, first.name) == ("parameter", "time_bias.all")
     assert first.amounts[""] == pytest.approx(-0.1, abs=0.02)
     time_bias = ParameterChoice("all", sigma=1.0)
@@ -143,7 +143,7 @@ def test_wrong_height_prior_is_named_before_what_the_data_cannot_separate_from_i
     prior = replace(study.estimate.height_prior, height_m=-2250.4)
     estimate = replace(study.estimate, height_prior=prior, ephemeris_sigma_m=(0.0, 0.0, 0.0))
     solution = radioloc.locate(replace(study, estimate=estimate), tracking)
-    first = solution.consistency.found[0]
+    first = solution.consistency.findings[0]
     assert (first.kind, first.name) == ("a priori", "position.height")
     assert first.data_values[""] == pytest.approx(-2550.0, abs=40.0)
     assert "moon_position.radial" in {item.name for item in first.alternatives}
@@ -183,7 +183,7 @@ def test_a_station_whose_ranges_are_too_long_is_named_however_large_its_bias(tmp
     ranges = radioloc.simulate(study).observations
     received = np.array([path.endswith(">DSS-14") for path in ranges.paths()])
     solution = radioloc.locate(study, replace(ranges, value_m=ranges.value_m + bias_m * received))
-    [first] = solution.consistency.found
+    [first] = solution.consistency.findings
     assert first.name == "range_bias.DSS-14"
     assert first.amounts[""] == pytest.approx(bias_m, abs=1.0)
 
@@ -219,6 +219,6 @@ def test_mistakes_of_users_are_named(tmp_path, name):
     ranges, sentence = corrupted(radioloc.simulate(study).observations, name)
     solution = radioloc.locate(study, ranges)
     assert not solution.converged
-    first = solution.consistency.found[0]
+    first = solution.consistency.findings[0]
     assert (first.kind, first.name) == ("mistake", sentence)
     assert first.next_chi2_ratio > 4.0

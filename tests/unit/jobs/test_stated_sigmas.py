@@ -33,7 +33,7 @@ def with_sigmas(observations, factor, part=slice(None)):
 
 
 def findings(solution):
-    return [(item.kind, item.name) for item in solution.consistency.found]
+    return [(item.kind, item.name) for item in solution.consistency.findings]
 
 
 @pytest.mark.study
@@ -44,7 +44,7 @@ def test_a_station_with_a_hundredth_of_its_sigmas_is_named_and_used(tracking):
     assert solution.status is FitStatus.CONVERGED
     assert solution.residuals.used.all()
     assert findings(solution) == [("sigma", "NEUQUEN")]
-    assert solution.consistency.found[0].amounts[""] == pytest.approx(100.0, rel=0.2)
+    assert solution.consistency.findings[0].amounts[""] == pytest.approx(100.0, rel=0.2)
     difference_m = solution.position_pa_m - good.position_pa_m
     assert np.linalg.norm(difference_m) < np.linalg.norm(good.sigma_enu_m())
 
@@ -55,8 +55,8 @@ def test_one_factor_of_all_sigmas_is_one_finding(tracking, factor, word):
     solution = radioloc.locate(STUDY, with_sigmas(tracking, factor))
     assert solution.status is FitStatus.CONVERGED
     assert findings(solution) == [("sigma", "")]
-    assert solution.consistency.found[0].amounts[""] == pytest.approx(1.0 / factor, rel=0.15)
-    assert word.partition(" ")[2] in str(solution.consistency.found[0])
+    assert solution.consistency.findings[0].amounts[""] == pytest.approx(1.0 / factor, rel=0.15)
+    assert word.partition(" ")[2] in str(solution.consistency.findings[0])
 
 
 @pytest.mark.study

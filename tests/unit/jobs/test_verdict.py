@@ -90,7 +90,7 @@ def test_a_run_of_outliers_is_named_and_much_of_a_station_is_a_misfit(tracking, 
     solution = radioloc.locate(study(), long)
     assert solution.status is status
     assert not solution.residuals.used[rows].any()
-    run = solution.consistency.found[0]
+    run = solution.consistency.findings[0]
     assert (run.kind, run.dof) == ("run", count)
     assert "NEUQUEN" in run.name
     assert run.amounts[""] == pytest.approx(300.0, abs=5.0)
@@ -176,7 +176,7 @@ def test_a_clock_error_is_named_whether_variance_components_settle_or_not(tracki
     solution = radioloc.locate(study(), replace(tracking, value_m=tracking.value_m + 50e-9 * C_M_S * signs))
     assert not solution.converged
     assert (solution.status is FitStatus.UNSETTLED) == (passes == 5)
-    first = solution.consistency.found[0]
+    first = solution.consistency.findings[0]
     assert "SESHAN25" in first.name
     if passes == 60:
         assert (first.kind, first.name) == ("a priori", "clock.SESHAN25")

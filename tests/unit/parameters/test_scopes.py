@@ -111,7 +111,7 @@ def test_considered_in_every_scope(measured, name, scope):
     assert solution.consider is not None
     records = [
         record
-        for record in solution.consider.to_list(solution.enu_by_parameters)
+        for record in solution.consider.to_list(solution.enu_partials)
         if record["name"].startswith(name)
     ]
     assert records

@@ -37,12 +37,12 @@ def test_a_shift_is_compared_with_the_ellipsoid_in_its_direction(axis):
     variances, axes = np.linalg.eigh(solution.position_covariance())
     shift_m = 2.5 * np.sqrt(variances[axis]) * axes[:, axis]
     finding = ConsistencyTest("offset", "A", 30.0, 1, -6.0, tuple(shift_m), (1.0, 1.0, 1.0), {"": 1.0}, "m")
-    warned = replace(solution, consistency=Consistency(found=(finding,)))
+    warned = replace(solution, consistency=Consistency(findings=(finding,)))
     assert [*inconsistent(warned, outside_ellipsoid=True)] == [finding]
     assert [*inconsistent(warned, outside_ellipsoid=False)] == []
     small = replace(finding, shift_enu_m=tuple(0.5 * shift_m))
     assert not [
-        *inconsistent(replace(solution, consistency=Consistency(found=(small,))), outside_ellipsoid=True)
+        *inconsistent(replace(solution, consistency=Consistency(findings=(small,))), outside_ellipsoid=True)
     ]
 
 
@@ -60,9 +60,9 @@ def test_the_reported_region_covers_the_position_with_the_finding_estimated(sigm
     solution = toy_solution(ToyMoon(200, 72.0))
     variances, axes = np.linalg.eigh(solution.position_covariance())
     shift_m = sigmas * np.sqrt(variances[1]) * axes[:, 1]
-    shift = solution.enu_by_parameters.T @ shift_m  # the position alone
+    shift = solution.enu_partials.T @ shift_m  # the position alone
     finding = ConsistencyTest("offset", "A", 30.0, 1, -6.0, tuple(shift_m), (1.0, 1.0, 1.0), {"": 1.0}, "m")
-    tests = Consistency(found=(finding,), adapted=AdaptedEstimate(shift, solution.covariance))
+    tests = Consistency(findings=(finding,), adapted=AdaptedEstimate(shift, solution.covariance))
     warned = with_findings(replace(solution, consistency=tests))
     assert warned.status is status
     assert compare_with(warned, warned.with_findings().position_pa_m).combined_sigmas < 1.0

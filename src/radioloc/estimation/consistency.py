@@ -7,8 +7,8 @@
 3. The most significant explanation becomes a parameter, and the tests are repeated until none is significant.
 
 Separability (Förstner 1983). An explanation remains possible if its estimation makes the finding insignificant.
-Explanations that the data cannot separate are reported as one finding. Of explanations with equal likelihood, the one
-with the smallest ratio of amount to a-priori sigma is named first.
+Explanations that the data cannot separate are reported as one finding, errors of published models last. Of others with
+equal likelihood, the one with the smallest ratio of amount to a-priori sigma is named first.
 
 Noise estimated from the residuals contains the fault, so a large fault may be less significant than a small one. The
 most significant explanation is therefore tested a second time, with the noise of the residuals after its estimation.
@@ -39,7 +39,7 @@ from radioloc.estimation.group_tests import (
     estimate_change,
     f_log_p_value,
 )
-from radioloc.estimation.hypotheses import TERM, Family, Hypotheses, Hypothesis, Links, Span, passes
+from radioloc.estimation.hypotheses import ALL, TERM, Family, Hypotheses, Hypothesis, Links, Span, passes
 from radioloc.estimation.reliability import Reliability, assess_reliability
 from radioloc.estimation.series import SeriesOrder
 from radioloc.noise.whitening import Rows
@@ -522,7 +522,7 @@ def _with_alternatives(best: _Test, products: ScoreProducts, tests: list[_Test],
 
 
 def _is_named_otherwise(test: _Test, products: ScoreProducts, tests: list[_Test]) -> bool:
-    """Return whether a more specific hypothesis, or a preceding kind of the same owner, has the same effects."""
+    """Return whether a more specific hypothesis has the same effects: a kind of error before, or of one owner."""
     if len(test.indices) > 1:
         return False
     [k] = test.indices
@@ -531,6 +531,7 @@ def _is_named_otherwise(test: _Test, products: ScoreProducts, tests: list[_Test]
     for item in tests:
         same_owner = item.kind == test.kind == "parameter" and item.name.partition(".")[2] == owner
         precedes = _KINDS.index(item.kind) < rank or (same_owner and item.indices < test.indices)
+        precedes |= owner == ALL and not item.name.endswith(ALL)
         if len(item.indices) == 1 and precedes:
             specific.append(item.indices[0])
     squares = products.information([k], specific)[0] ** 2
@@ -541,8 +542,11 @@ def _is_named_otherwise(test: _Test, products: ScoreProducts, tests: list[_Test]
 def _log_odds(test: _Test) -> float:
     """Logarithm of the odds of a cause: its likelihood times the prior density of its amount, over one sigma.
 
-    The size of a gross error is unknown, so that its prior density is that of a scale, 1 / amount (Jeffreys 1946).
+    Errors of published models, which have no blunders, are normal. The size of a gross error is unknown, so that its
+    prior density is that of a scale, 1 / amount (Jeffreys 1946).
     """
+    if test.hypothesis is not None and test.hypothesis.is_of_published_model:
+        return 0.5 * (test.verdict.chi2 - test.sigmas**2)
     return 0.5 * test.verdict.chi2 - test.verdict.dof * math.log(max(test.sigmas, 1.0))
 
 

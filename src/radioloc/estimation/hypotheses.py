@@ -75,6 +75,12 @@ class Hypothesis:
     links: Links = field(default_factory=dict)
     span_s: Span = None  # interval of an offset; begin of a step
 
+    @property
+    def is_of_published_model(self) -> bool:
+        """Return whether the error is one of the Moon's ephemeris or of the Earth's rotation."""
+        kind = PARAMETERS.get(self.name.partition(".")[0])
+        return kind is not None and not kind.scopes[0].named
+
 
 @dataclass(frozen=True, eq=False)
 class Hypotheses:
@@ -166,12 +172,23 @@ class Hypotheses:
         return Hypothesis(family, kind, name, columns, sigmas, unit, links=links, span_s=span_s)
 
     def _unit(self, links: Links) -> tuple[str, float, float]:
-        """Return the unit of an error of one type, metres in it, and its scale: one metre, or 1 mm/s."""
+        """Return the unit of an error of one type, metres in it, and its sigma: of a bias, or 1 m or 1 mm/s."""
         code = next(iter(links))
-        kind = np.array(KINDS.index(self.order.series[code].kind))
+        series = self.order.series[code]
+        kind = np.array(KINDS.index(series.kind))
         if is_integrated(kind) and self.count_s is not None:
             return "mm/s", 1e-3 * float(np.nanmedian(self.count_s[self.order.code == code])), 1.0
-        return ("s", C_M_S, 1.0 / C_M_S) if is_differenced(kind) else ("m", 1.0, 1.0)
+        if is_differenced(kind):
+            return "s", C_M_S, 1.0 / C_M_S
+        owners = (series.path, *(name for name, sign in series.signs.items() if sign))
+        return "m", 1.0, min(self._range_bias_sigmas_m.get(name, 1.0) for name in owners)
+
+    @cached_property
+    def _range_bias_sigmas_m(self) -> dict[str, float]:
+        """A-priori or usual sigmas of range biases by station or link."""
+        errors = [errors.parameters for errors in (self.considered, self.candidates) if errors is not None]
+        items = (item for parameters in (self.fit.parameters, *errors) for item in parameters)
+        return {owner(item): item.prior_sigma for item in items if item.kind == "range_bias"}
 
     def _offsets(self) -> Iterator[Hypothesis]:
         """Yield offsets of links and stations in the arc, and in each of several passes."""
@@ -193,8 +210,8 @@ class Hypotheses:
                 continue
             if item.name.count(".") == 2:  # component of a vector
                 places.setdefault(item.name.rpartition(".")[0], []).append(index)
-                if item.kind in PARAMETERS and PARAMETERS[item.kind].scopes[0].named:
-                    common.setdefault((item.kind, f"{ALL}.{item.name.rpartition('.')[2]}"), []).append(index)
+                if item.name.endswith(".up"):  # heights above another surface
+                    common.setdefault((item.kind, f"{ALL}.up"), []).append(index)
             elif item.kind in PARAMETERS and len(PARAMETERS[item.kind].components) == 1:
                 common.setdefault((item.kind, ALL), []).append(index)
                 if item.span_utc is not None:
@@ -256,9 +273,8 @@ class Hypotheses:
                 if columns.any():
                     of_types[name] = columns.sum(axis=1, keepdims=True)
             if of_types and len(items) > 1:
-                yield _fixed_parameter_hypothesis(
-                    f"{kind}.{ALL}", sum(of_types.values(), np.zeros((1, 1))), items[0]
-                )
+                columns = sum(of_types.values(), np.zeros((1, 1)))
+                yield _fixed_parameter_hypothesis(f"{kind}.{ALL}", columns, items[0])
             if len(of_types) > 1:
                 for name, columns in of_types.items():
                     yield _fixed_parameter_hypothesis(f"{kind}.{name}", columns, items[0])

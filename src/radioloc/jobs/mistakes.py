@@ -28,9 +28,10 @@ from radioloc.estimation.status import FitStatus
 from radioloc.jobs.problem import EstimationProblem
 from radioloc.measurements.evaluation import prepare_predictor
 from radioloc.measurements.link import Link
+from radioloc.measurements.measurement_type import TIME_TAGS
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.predictor import Predictor
-from radioloc.measurements.registry import KINDS
+from radioloc.measurements.registry import KINDS, MEASUREMENTS
 from radioloc.parameters.columns import PASS_GAP_H
 from radioloc.parameters.parameter import ParameterSet
 from radioloc.results.solution import Solution
@@ -51,6 +52,8 @@ _FACTORS = {
     "are twice the right ones": 0.5,
     "are in km, not m": 1e3,
 }
+_TAGS = dict(zip(TIME_TAGS, ("transmission", "reception", "bounce"), strict=True))
+_PRESSURE_UNITS_HPA = {"mmHg": 1.333224, "kPa": 10.0, "inHg": 33.86389}
 _MAX_PASSES = 12  # of a station with hypotheses of their own
 
 
@@ -142,6 +145,17 @@ def mistakes(observations: Observations) -> Iterator[Mistake]:
         earlier = replace(observations, epoch=_earlier(observations.epoch, ahead_s))
         for owner, rows in owners:
             yield Mistake(f"the time tags of {owner} are {text}", rows, corrected=earlier)
+    for event, (tag, text) in enumerate(_TAGS.items()):
+        possible = np.array([tag in MEASUREMENTS[kind].tags for kind in KINDS])[observations.kind]
+        for owner, rows in owners:
+            changed = rows & possible & (observations.tag != event) & ~observations.ramped
+            if changed.any():
+                corrected = replace(observations, tag=np.where(changed, np.int8(event), observations.tag))
+                yield Mistake(f"the time tags of {owner} are times of {text}", changed, corrected=corrected)
+    with_pressure = np.isfinite(observations.pressure_hpa)
+    for unit, hpa in _PRESSURE_UNITS_HPA.items() if with_pressure.any() else ():
+        corrected = replace(observations, pressure_hpa=hpa * observations.pressure_hpa)
+        yield Mistake(f"the pressures are in {unit}, not hPa", with_pressure, corrected=corrected)
     for owner, rows in owners:
         for kind in np.unique(observations.kind[rows]).tolist():
             values = f"the {KINDS[kind]} values of {owner}"

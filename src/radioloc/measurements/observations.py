@@ -58,7 +58,7 @@ WEATHER_LIMITS = {
 _SIGMA_LIMITS_M = (1e-9, 1e12)
 _TURNAROUND_LIMITS = (0.05, 20.0)
 """The ratio of Ka band up and S band down is 0.067, the reverse 15; others have wavelengths in mm, or of light."""
-_MAX_ROUNDING_US = 999  # largest difference of time tags by rounding to milliseconds, microseconds
+_MAX_ROUNDING_US = 1000  # largest difference of time tags of copies, a millisecond, as by rounding
 _EPOCH_TOLERANCE_US = 10  # of the time tags of copies; repeated measurements are farther apart
 _MAX_SIGNAL_COUNT = 16  # observations of a path, kind and epoch with different wavelengths
 _MIN_ROUNDED_COUNT = 5  # of rounded copies in a file; fewer may be repeated values of a dense series
@@ -463,8 +463,9 @@ def observations_from_columns(columns: Mapping[str, Any], lunar: bool) -> Observ
 def without_duplicates(observations: Observations, *, first_counts: bool = False) -> Observations:
     """Return the observations without copies, which are a warning; copies with another value are an error."""
     # Rows are copies if path, kind, time tag, wavelength and count interval are equal and their epochs differ by at
-    # most 10 microseconds, or by rounding to milliseconds. Copies have the same value and sigma, in two files up to
-    # rounding. With `first_counts`, as for frequencies read off repeatedly, another value is a warning, too.
+    # most 10 microseconds, or by a millisecond of rounded time tags or of equal values. Copies have the same value and
+    # sigma, in two files up to rounding. With `first_counts`, as for frequencies read off repeatedly, another value is
+    # a warning, too.
     instant = _instants_us(observations)
     if not (np.diff(np.sort(instant)) <= _MAX_ROUNDING_US).any():
         return observations
@@ -473,13 +474,15 @@ def without_duplicates(observations: Observations, *, first_counts: bool = False
     # The time tag of one of two rounded copies is a multiple of a millisecond, that of the other is not.
     ticks = 86400e3 * observations.epoch.fraction * np.array([[1.0], [10.0]])
     is_multiple = np.abs(ticks - np.rint(ticks)) < 1e-5
-    rounded = (is_multiple[:, first] != is_multiple[:, second]).any(axis=0) & (
-        difference_us > _EPOCH_TOLERANCE_US
-    )
     files = observations.file[first] != observations.file[second]
+    value_m, sigma_m, wavelength_um = observations.value_m, observations.sigma_m, observations.wavelength_um
+    # Of values that occur twice, both are one measurement, as another one has other digits.
+    _, index, value_counts = np.unique(value_m, return_inverse=True, return_counts=True)
+    is_repeated = (value_m[first] == value_m[second]) & (value_counts[index[first]] == 2)
+    rounded = (is_multiple[:, first] != is_multiple[:, second]).any(axis=0) | is_repeated
+    rounded &= difference_us > _EPOCH_TOLERANCE_US
     simultaneous = (difference_us <= _EPOCH_TOLERANCE_US) | rounded
     simultaneous &= ~(difference_us > 0.25e6 * observations.count_s[first])
-    value_m, sigma_m, wavelength_um = observations.value_m, observations.sigma_m, observations.wavelength_um
     rounding = np.where(files, _ROUNDING_SIGMAS * sigma_m[first], 0.0)
     equal = np.abs(value_m[second] - value_m[first]) <= rounding + np.where(files, _ROUNDING_M, 0.0)
     equal &= np.abs(sigma_m[second] - sigma_m[first]) <= rounding
@@ -500,7 +503,7 @@ def without_duplicates(observations: Observations, *, first_counts: bool = False
     copies[conflicting] = True
     second, index = np.unique(second[copies], return_index=True)
     first, difference_us = first[copies][index], difference_us[copies][index]
-    rounding_text = f" (time rounded by {difference_us.max()} us)" if difference_us.any() else ""
+    rounding_text = f" (time tags up to {difference_us.max()} us apart)" if difference_us.any() else ""
     conflicts = f", {len(conflicting)} with another value or sigma" if len(conflicting) else ""
     return without_second(observations, first, second, f"duplicate observation{rounding_text}", conflicts)
 

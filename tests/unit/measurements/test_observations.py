@@ -58,6 +58,7 @@ VALUE_M = 7.8e8 + 1e3 * np.sin(np.arange(20.0))
         (ODD_S.round(3), 1e-2, True),
         (ODD_S.round(3), 0.0, False),
         (np.floor(1e3 * ODD_S) / 1e3, 0.0, True),  # truncated
+        (ODD_S + 1e-3, 0.0, False),
     ],
 )
 def test_copies_are_removed_also_with_rounded_times_and_values(copies_s, rounding_m, files):

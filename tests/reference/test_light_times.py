@@ -19,11 +19,10 @@ from radioloc.constants import ARCSEC_RAD, C_M_S
 from radioloc.earth import StationCatalogue, geodetic_from_itrf
 from radioloc.earth.eop import EopTable
 from radioloc.errors import InputError
-from radioloc.io.table import batches_of, write_csv
 from radioloc.kernels import find_kernel
 from radioloc.measurements.terms import TERMS
 from radioloc.study import ModelChoice, Study
-from radioloc.time import epochs_from_strings, utc_to_tt
+from radioloc.time import utc_to_tt
 
 LANDER = radioloc.LunarPosition.from_selenographic(-51.9162, 43.0584, -2550.4)
 SPAN = {"start_utc": "2020-12-02T00:00:00", "stop_utc": "2020-12-02T22:00:00", "step_s": 2900.0}
@@ -290,34 +289,3 @@ def test_every_target_of_a_study_has_its_rows():
         )
     assert len(table) == 2 * len(single)
     assert table.unseen == 2 * single.unseen
-
-
-def test_low_rows_say_that_the_troposphere_is_left_out():
-    table = light_times(Study(target=LANDER), ["NEUQUEN"], **(SPAN | {"step_s": 300.0}))
-    low = table["receive_elevation_deg"] < 3.0
-    assert low.any()
-    assert {str(text) for text in table.status[low]} == {
-        "too low for the troposphere model (below 3 degrees)"
-    }
-    assert {str(text) for text in table.status[~low & (table["transmit_elevation_deg"] > 3.0)]} == {""}
-
-
-def test_every_form_has_all_columns(tmp_path):
-    table = light_times(bare_study(), ["KASHI"], links="one_way", frequency_hz=8.4e9, **SPAN)
-    write_csv(tmp_path / "table.csv", batches_of(table.named_columns(), table.decimals))
-    heading, *rows = (tmp_path / "table.csv").read_text().splitlines()
-    content = table.to_dict()["columns"]
-    assert (
-        heading.split(",")
-        == list(content)
-        == table.to_table().colnames
-        == list(table.to_table("pandas").columns)
-    )
-    assert len(rows) == len(table) == len(content["epoch_utc"])
-    first = dict(zip(heading.split(","), rows[0].split(","), strict=True))
-    assert first["uplink_light_time_s"] == ""
-    assert content["uplink_light_time_s"][0] is None
-    assert float(first["range_m"]) == pytest.approx(content["range_m"][0], abs=1e-4)
-    assert epochs_from_strings(content["epoch_utc"], "UTC").mjd == pytest.approx(table.epoch.mjd, abs=1e-8)
-    assert table.to_table()["range_rate_m_s"].unit == "m / s"
-    assert f"{len(table) - 12} more in the file of --out" in str(table)

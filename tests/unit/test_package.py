@@ -66,12 +66,6 @@ def test_a_study_built_in_python_with_observations_passed():
     assert np.linalg.norm(solution.position_pa_m - radioloc.locate(read).position_pa_m) < 1e-3
 
 
-def test_a_study_without_files_says_so():
-    study = radioloc.Study(target=radioloc.LunarPosition("PA_DE421", (1554700.0, 98000.0, 765000.0)))
-    with pytest.raises(radioloc.errors.InputError, match="files is missing"):
-        radioloc.locate(study)
-
-
 def test_dir_lists_public_names_and_packages_before_and_after_use():
     code = (
         "import radioloc; listed = dir(radioloc)\n"

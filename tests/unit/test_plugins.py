@@ -450,14 +450,6 @@ def test_failures_of_registry_entries_are_one_line(entry_type, function, monkeyp
     )
 
 
-def test_parts_that_fail_are_named(monkeypatch):
-    broken = replace(MEASUREMENTS["range"], geometry=Geometry.COMBINED, parts=lambda link: {}["radome"])
-    monkeypatch.setitem(MEASUREMENTS._entries, "range", broken)
-    words = "the type of measurement range cannot be used: parts fails with KeyError: 'radome'"
-    with pytest.raises(InputError, match=words):
-        expanded(radioloc.read_observations(SHORT_ARC.with_suffix(".csv")))
-
-
 @pytest.mark.parametrize(
     "parts",
     [(), ((1.0, "range"),), (Part(1.0, "twice_the_range", None),), (Part(1.0, "differenced_range", None),)],
@@ -468,16 +460,3 @@ def test_parts_that_cannot_be_combined_are_refused(monkeypatch, parts):
     monkeypatch.setitem(MEASUREMENTS._entries, "range", broken)
     with pytest.raises(InputError, match=r"range: parts: expected Part"):
         expanded(radioloc.read_observations(SHORT_ARC.with_suffix(".csv")))
-
-
-def test_sigmas_that_are_none_are_one_line(monkeypatch, capsys):
-    name = "station_position"
-    monkeypatch.setitem(
-        PARAMETERS._entries, name, replace(PARAMETERS[name], considered=lambda rows, members: None)
-    )
-    assert main(["locate", str(SHORT_ARC), "--quiet"]) == 2
-    [line] = capsys.readouterr().err.splitlines()
-    assert line == (
-        "radioloc: [consider] considered of station_position: expected sigmas by member, or a reason in words, got "
-        "NoneType"
-    )

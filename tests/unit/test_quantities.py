@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 from astropy.coordinates import CartesianRepresentation, EarthLocation
 from astropy.time import Time
-from paths import EXAMPLES
 
 import radioloc
 from radioloc.earth import EarthOrientation, StationCatalogue
@@ -14,7 +13,7 @@ from radioloc.errors import InputError
 from radioloc.io import TdmAgreement
 from radioloc.lunar import LunarPosition, rot_icrf_to_iau_moon
 from radioloc.lunar.visibility import hidden_by_moon
-from radioloc.measurements import EquipmentDelays, FixedPoint, StationDelay
+from radioloc.measurements import EquipmentDelays, StationDelay
 from radioloc.media import UniformTec
 from radioloc.simulation import Masks, Noise, Session, Truth, elevations, two_way, windows
 from radioloc.study import EstimateChoice, HeightPrior, ObservationChoice, PlaceOnMap
@@ -177,13 +176,3 @@ def test_places_in_kilometres_and_of_astropy(model):
     earth_km_s = [10.0, 25.0, 12.0] * u.km / u.s
     bare = topocentric_tdb_minus_tt([1e4, 2.5e4, 1.2e4], [4075539.9, 931735.2, 4801629.4])
     assert topocentric_tdb_minus_tt(earth_km_s, station) == pytest.approx(bare, rel=1e-14)
-
-
-def test_predictions_of_a_place_in_kilometres():
-    arc = radioloc.jobs.prepare_arc(EXAMPLES / "apollo15/apollo15.toml")
-    place_m = arc.motions[0].position_pa_m
-    computed = arc.compute()
-    assert np.array_equal(arc.compute(FixedPoint(place_m * u.m)).value_m, computed.value_m)
-    assert arc.compute(FixedPoint(place_m / 1e3 * u.km)).value_m == pytest.approx(computed.value_m, abs=1e-6)
-    with pytest.raises(InputError, match="position_pa_m"):
-        FixedPoint(place_m * u.rad)

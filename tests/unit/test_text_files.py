@@ -25,17 +25,11 @@ def test_plain_gzip_and_line_ends_give_the_same_lines(tmp_path):
     ("content", "words", "line"),
     [
         (b"", "is empty", None),
-        (b" \n\t\n", "is empty", None),
         (gzip.compress(b"", mtime=0), "is empty", None),
-        (gzip.compress(b"a\n" * 100, mtime=0)[:-6], "cut or damaged", None),
         (gzip.compress(b"a\n" * 100, mtime=0)[:12], "cut or damaged", None),
-        (b"\x1f\x8bnot gzip at all", "cut or damaged", None),
         (b"\x1f\x9d cut", "uncompress it first", None),
-        (b"\x89PNG\x00\x01\x02", "is not text", None),
         ("H1 CRD".encode("utf-16"), "is not text", None),
-        (b"a\nb\nc \xe9\n", "byte 0xe9 is not UTF-8", 3),
         (b"one line\nanother\n\0", "is not text", 3),
-        (b"one line\nano\0ther\n", "is not text", 2),
         (gzip.compress(b"one line\n" * 1000 + b"a\0\n", mtime=0), "is not text", 1001),
     ],
 )

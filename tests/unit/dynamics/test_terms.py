@@ -8,7 +8,7 @@ from low_orbit import EPOCH, POSITION_M, STATE, VELOCITY_M_S, forces
 from moyer import post_newtonian
 
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
-from radioloc.dynamics import Acceleration, GravityField, Impulse, acceleration_sizes
+from radioloc.dynamics import Acceleration, GravityField, acceleration_sizes
 from radioloc.dynamics._force_kernels import (
     AU_M,
     EARTH_J2,
@@ -212,21 +212,6 @@ def test_empirical_accelerations_at_the_epoch():
 def test_invalid_forces(changes, words):
     with pytest.raises(InputError, match=words):
         forces(0, **changes)
-
-
-def test_invalid_accelerations_and_impulses():
-    with pytest.raises(InputError, match="got 'LVLH'"):
-        Acceleration("a", "LVLH")
-    with pytest.raises(InputError, match="a: cosine_m_s2"):
-        Acceleration("a", cosine_m_s2=(1.0, 2.0))
-    with pytest.raises(InputError, match="a: normal"):
-        Acceleration("a", normal=(0.0, np.nan, 1.0))
-    with pytest.raises(InputError, match="burn: delta_v_m_s"):
-        Impulse("burn", EPOCH, (np.inf, 0.0, 0.0))
-    with pytest.raises(InputError, match="an epoch after the start"):
-        Acceleration("a", start=EPOCH, stop=EPOCH)
-    with pytest.raises(InputError, match=r"got 'b\.r'"):
-        forces(0, accelerations=(Acceleration("a"),)).with_parameters({"b.r": 1.0})
 
 
 def test_sizes_are_root_mean_squares_over_a_polar_orbit():

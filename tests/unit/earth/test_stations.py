@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from radioloc.earth import Station, StationCatalogue, geodetic_from_itrf
-from radioloc.earth.stations import NETWORKS
 from radioloc.errors import StationError
 from radioloc.time import Epochs
 
@@ -117,14 +116,6 @@ def test_stations_are_found_by_a_part_of_what_is_said_of_them(text: str, count: 
     assert all(
         text.replace(" ", "").lower() in f"{s.complex}{s.country}".replace(" ", "").lower() for s in stations
     )
-
-
-@pytest.mark.parametrize("network", NETWORKS)
-def test_every_network_has_stations_of_its_own(network: str) -> None:
-    catalogue = StationCatalogue.default()
-    assert network not in catalogue
-    assert len(catalogue.members(network)) > 1
-    assert catalogue.members(network.lower()) == catalogue.members(network)
 
 
 def test_unknown_station_says_what_is_close() -> None:

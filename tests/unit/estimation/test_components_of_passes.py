@@ -65,16 +65,6 @@ def test_a_pass_thirty_times_as_noisy_as_stated_is_not_left_out_but_outliers_are
     assert np.flatnonzero(~result.fit.used).tolist() == [5, 250]
 
 
-@pytest.mark.slow
-def test_claimed_sigmas_are_those_of_the_errors_and_smaller_than_with_a_component_of_the_type():
-    fits = [drawn(seed)(PASSES) for seed in range(150)]
-    off = np.array([item.fit.x / item.fit.sigmas for item in fits])
-    # Normal of 150: an rms of 1 to 15 % but for a chance of 1 %
-    assert np.sqrt((off**2).mean(axis=0)) == pytest.approx([1.0, 1.0], rel=0.15)
-    joint = [drawn(seed)(ORDER.types) for seed in range(20)]
-    assert np.std([item.fit.x[0] for item in fits]) < 0.5 * np.std([item.fit.x[0] for item in joint])
-
-
 @pytest.fixture(scope="module")
 def tracking():
     return change5_case.observations(PhysicalModel.build(), 300.0, stop="2020-12-02T03:11:00", vlbi=False)

@@ -1,10 +1,7 @@
 """Series weighed by the inverse covariance of their noise: generalized least squares, honest sigmas."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
-from delay_network import DelayNetwork
 
 from radioloc.estimation import Labels, Parameter, ParameterSet, observability
 from radioloc.estimation.editing import fit_with_editing
@@ -75,26 +72,6 @@ class TwoSeries:
         weighted = np.linalg.solve(model, self.design)
         inverse = np.linalg.inv(self.design.T @ weighted + self.prior)
         return inverse, inverse @ (weighted.T @ errors @ weighted + self.prior) @ inverse
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", range(4))
-def test_nearly_generalized_least_squares(seed):
-    case = TwoSeries(seed=seed)
-    edited, result = case.fits()
-    assert edited.fit.time_correlation is None
-    assert [item.name for item in result.series_weights] == ["range A"]
-    stated = np.diag(case.sigma**2)
-    generalized, _ = case.covariances(case.covariance, stated)
-    plain, weighed = (
-        case.covariances(model, case.covariance)[1] for model in (stated, case.model(result.fit))
-    )
-    best, better, worse = (np.sqrt(np.diag(c))[:2] for c in (generalized, weighed, plain))
-    # No linear estimate is better than the generalized one (Aitken); 20 correlation times tell the noise model within
-    # a factor of two or so, which costs little.
-    assert (better >= best * (1.0 - 1e-9)).all()
-    assert (better < 1.2 * best).all()
-    assert (worse > 1.5 * best).all()
 
 
 @pytest.mark.study
@@ -180,73 +157,3 @@ def test_observability_is_that_of_the_weights(monkeypatch):
     for item in result.correlations:
         i, j = (["a", "b", "bias"].index(name) for name in (item.first, item.second))
         assert item.coefficient == pytest.approx(expected[i, j], abs=ROUNDING)
-
-
-def network(epochs=400, seed=3):
-    """Delays of four stations whose arrival times are off by what lasts."""
-    case = DelayNetwork.make(epochs=epochs, seed=seed)
-    rng = np.random.default_rng(seed)
-    time_s = STEP_S * case.epoch
-    arrival = np.array([gauss_markov(rng.normal(size=epochs), np.exp(-STEP_S / TAU_S)) for _ in range(4)])
-    of_stations = arrival[case.second, case.epoch] - arrival[case.first, case.epoch]
-    observed = case.station_m * of_stations + case.own_m * rng.normal(size=len(time_s))
-    # Partials that change slowly, as geometry does.
-    turn = np.linspace(0.0, 3.0, epochs)[case.epoch]
-    leg = np.stack([np.cos(turn + case.second), np.sin(turn + 2.0 * case.second), 0.1 * case.second], axis=-1)
-    leg -= np.stack([np.cos(turn + case.first), np.sin(turn + 2.0 * case.first), 0.1 * case.first], axis=-1)
-    return replace(case, design=leg), observed, time_s
-
-
-@pytest.mark.slow
-def test_observations_that_share_errors_are_weighed_together():
-    case, observed, time_s = network()
-    n = len(observed)
-    paths = Labels.from_texts([f"{a}<x>{b}" for a, b in zip(case.first, case.second, strict=True)])
-    edited = fit_with_editing(case.residual_function(observed), case.parameters(), case.noise)
-    result = weighed(case.residual_function(observed), edited, labels(n, "delay"), paths, time_s)
-    (weight,) = result.series_weights
-    assert weight.name == "delay that share errors"
-    assert weight.count == n
-    assert weight.sigma_factor > 5.0
-    fit = result.fit
-    assert sum(item.is_significant for item in fit.time_correlation.noise.values()) == 3
-    # One factor on all sigmas: the estimate is that of the stated covariance, dense.
-    x, covariance, _ = case.generalized(observed)
-    np.testing.assert_allclose(fit.x, x, rtol=0.0, atol=ROUNDING)
-    np.testing.assert_allclose(fit.covariance, covariance, rtol=ROUNDING)
-    # With the covariance of what was simulated it is nearly the best.
-    epochs = case.epoch.max() + 1
-    station = case.incidence.reshape(n, epochs, -1)
-    lag_s = STEP_S * np.abs(np.arange(epochs)[:, None] - np.arange(epochs))
-    between = np.einsum("iak,ab,jbk->ij", station, np.exp(-lag_s / TAU_S), station, optimize=True)
-    simulated = np.diag(case.own_m**2) + case.station_m**2 * between
-    best = np.linalg.inv(case.design.T @ np.linalg.solve(simulated, case.design))
-    gain = np.linalg.solve(case.covariance, case.design @ covariance).T
-    true = gain @ simulated @ gain.T
-    assert np.linalg.eigvalsh(true - best).min() > -ROUNDING  # Aitken
-    assert (np.diag(true) < 1.1**2 * np.diag(best)).all()
-    # What it says of itself is the sandwich with the noise that was found, dense.
-    order = SeriesOrder.from_labels(labels(n, "delay"), paths, time_s)
-    series = independent_series(order, fit.noise, fit.used)
-    [blocks] = series.whitener.structures
-    rows, whitening = blocks.rows, blocks.roots[blocks.which]
-    entry = whitening[0]
-    np.testing.assert_allclose(entry @ case.covariance[:6, :6] @ entry.T, np.eye(6), atol=ROUNDING)
-    independent = np.einsum("bij,bjp->bip", whitening, case.design[rows])
-    middle = np.zeros((3, 3))
-    for k, key in enumerate(entry.key for entry in series.series):
-        columns = independent[:, k]
-        middle += columns.T @ columns
-        if key in fit.time_correlation.noise:
-            noise = fit.time_correlation.noise[key]
-            process = sum(
-                c * np.exp(-lag_s / tau) for c, tau in zip(noise.coloured, noise.tau_s, strict=True)
-            )
-            middle += columns.T @ (process + (noise.white - 1.0) * np.eye(epochs)) @ columns
-    claimed = fit.covariance + assess_time_correlation(fit, order).added_covariance
-    np.testing.assert_allclose(claimed, covariance @ middle @ covariance, rtol=1e-4)
-    # Seven correlation times of noise tell its size within a factor of two, with the larger ones as likely as not.
-    ratio = np.sqrt(np.diag(claimed) / np.diag(true))
-    assert (ratio > 1.0).all()
-    assert (ratio < 1.8).all()
-    assert (np.abs(fit.x) < 3.0 * np.sqrt(np.diag(true))).all()

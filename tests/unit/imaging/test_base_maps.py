@@ -11,7 +11,6 @@ from orbital_strips import Strips
 from rasterio.transform import Affine
 
 from radioloc.cli import main
-from radioloc.errors import InputError
 from radioloc.imaging import Sphere, Terrain, make_base_map, read_image_study, read_isd, write_orthophoto
 from radioloc.imaging.ground_points import image_to_ground
 from radioloc.imaging.mosaic import write_mosaic
@@ -146,27 +145,6 @@ def test_one_image_is_its_orthophoto(tmp_path):
         assert (mosaic.read(1)[shown] == expected.read(1)[shown]).all()
     # Without tie points, the a-priori errors of position and attitude.
     assert result.map_sigma_m == pytest.approx([100.5, 100.5], rel=0.02)
-
-
-@pytest.mark.parametrize(
-    ("change", "named"),
-    [
-        ('models = ["one.json"]', "models"),
-        ("resolution_m = 0.0", "resolution_m"),
-        ("dem_sigma_m = 0.0", "dem_sigma_m"),
-    ],
-)
-def test_unusable_values_are_refused(tmp_path, change, named):
-    for name in ("a.png", "b.png", "one.json", "dem.tif"):
-        (tmp_path / name).touch()
-    study = {
-        "models": "", "resolution_m": "resolution_m = 5.0", "dem_sigma_m": "",
-    } | {named: change}  # fmt: skip
-    sigmas = "position_sigma_m = [1.0, 1.0, 1.0]", "attitude_sigma_rad = [0.0, 0.0, 0.0]"
-    fixed = ['images = ["a.png", "b.png"]', 'dem = "dem.tif"', *sigmas]
-    (tmp_path / "study.toml").write_text("\n".join(["[base_map]", *fixed, *study.values()]))
-    with pytest.raises(InputError, match=named):
-        make_base_map(tmp_path / "study.toml", tmp_path)
 
 
 @pytest.mark.slow

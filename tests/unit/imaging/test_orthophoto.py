@@ -1,7 +1,5 @@
 """Orthophotos read by GDAL: places of spots, relief, masks, data types, errors of input."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 import rasterio
@@ -219,26 +217,3 @@ def test_line_scan_over_real_terrain(tmp_path):
     inner = (expected > 30.0) & (expected < 5400.0)
     assert inner.sum() > 20
     assert values[rows[pick], columns[pick]][inner] == pytest.approx(expected[inner], abs=0.01)
-
-
-def test_invalid_arguments_are_refused(tmp_path):
-    longitude, latitude, _, _ = CASES["equator"]
-    terrain = hilly(tmp_path / "dem.tif", longitude, latitude, local_projection(longitude, latitude))
-    model = camera_over(longitude, latitude)
-    image = np.zeros(model.shape, dtype="uint8")
-
-    def refused(match, model=model, image=image, **options):
-        with pytest.raises(InputError, match=match):
-            write_orthophoto(
-                tmp_path / "map.tif", [(image, model)], terrain, **({"resolution_m": 5.0} | options)
-            )
-        assert not (tmp_path / "map.tif").exists()
-
-    refused(r"got uint8 and \(10, 300\)", image=image[:10])
-    refused("resolution_m: .* 0.0", resolution_m=0.0)
-    refused("does not accept 'IAU_2015:1'", projection="IAU_2015:1")
-    refused("expected one of the Moon's sphere", projection="EPSG:4326")
-    refused("expected one of the Moon's sphere", projection="EPSG:32633")
-    refused("expected one of the Moon's sphere", projection="IAU_2015:30100")
-    refused("the image shows ground outside", model=camera_over(100.0, 10.0))
-    refused("got IAU_MOON", model=replace(model, axes="IAU_MOON"))

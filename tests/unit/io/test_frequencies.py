@@ -120,9 +120,7 @@ def test_several_files_of_one_night(tmp_path):
     ("fields", "problem"),
     [
         ({"transmit_hz": 0.0}, "transmit_hz: expected a finite number above zero, got 0.0"),
-        ({"count_s": 1e6}, "expected at most a day"),
         ({"turnaround": (880, 749)}, "give both or neither"),
-        ({"transmitter": "KASHI", "turnaround": (1.5, 1)}, "two whole numbers"),
         ({"target": "a>b"}, "got 'a>b'"),
     ],
 )
@@ -135,9 +133,7 @@ def test_invalid_agreements_are_refused(fields, problem):
     ("text", "problem"),
     [
         ("59902.6 2216497878.1 9.6 8049\n59902.6 nonsense 9.6 8049\n", "line 2: expected date"),
-        ("59902.6 2216497878.1 9.6\n", "expected one of the formats"),
         ("19902.6 2216497878.1 9.6 8049\n", "line 1: expected a year from 1972 to 2100, got the date 1913"),
-        ("59902.6 2216497878.1 9.6 8049", "line 1: the last line has no line end"),
     ],
 )
 def test_files_that_are_refused(text, problem, tmp_path):

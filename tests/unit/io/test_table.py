@@ -109,17 +109,11 @@ def test_columns_in_any_order_and_half_of_them_quoted():
     ("old", "new", "line", "words"),
     [
         (",sigma_s,", ",sigma,", 2, "unknown column 'sigma'"),
-        (",light_time_s,", ",sigma_m,", 2, "observed_m or light_time_s is missing"),
         (",pressure_hpa,", ",observed_m,", 2, "observed_m and light_time_s"),
-        (",time_tag,", ",temperature_k,", 2, "duplicate column"),
         ("epoch_utc,", "", 2, "epoch_utc is missing"),
-        (",5.38e-11,", ",", 3, "has 9 fields"),
         (",5.38e-11,", ",5.38f-11,", 3, "got '5.38f-11'"),
-        (",2.6494326499837,", ",nan,", 3, "got nan"),
         (",721.6,", ",72160,", 3, "100 to 1100"),
-        ("2006-12-01T00:26:56Z", "2006-12-32", 6, "not a date that exists"),
         ("2006-12-01T00:26:56Z", "1971-12-01", 6, "before 1972"),
-        ("GRASSE>AP15>GRASSE", "AP15>GRASSE", 6, "transmitter>target>receiver"),
         ("GRASSE>AP15>GRASSE", '"GRASSE>AP15>GRASSE', 6, "quotes|fields"),
     ],
 )

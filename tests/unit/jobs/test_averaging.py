@@ -73,20 +73,6 @@ def test_nothing_is_summed_over_gaps_links_frequencies_or_types():
     assert left_out == 8
 
 
-def test_other_rows_stay_in_their_places():
-    range_m = Observations.from_columns(
-        epoch=tai_to_utc(NOON), links=LINKS, kind=kind_of("range"), tag=1, value_m=7.6e8, sigma_m=1.0
-    )
-    long = counts([200.0], count_s=60.0)
-    mixed = Observations.concatenate([counts([0.0, 1.0]), range_m, long, counts([2.0, 3.0])])
-    averaged, left_out = with_averaged_counts(mixed, 2.0)
-    assert left_out == 0
-    assert averaged.types().tolist() == ["doppler", "range", "doppler", "doppler"]
-    assert averaged.count_s.tolist()[::2] == [2.0, 60.0]
-    separate, left_out = with_averaged_counts(mixed, 5.0)
-    assert (len(separate), left_out) == (2, 4)
-
-
 def test_in_a_study(tmp_path):
     write_table(tmp_path / "counts.csv", counts(np.arange(25.0)))
     (tmp_path / "study.toml").write_text(

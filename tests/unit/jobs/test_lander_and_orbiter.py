@@ -130,27 +130,6 @@ def test_lander_is_better_known_with_the_orbiter_that_shares_its_station(trackin
     assert joint.sigmas()[k] < separate_solution.sigmas()[second]
 
 
-@pytest.mark.study
-@pytest.mark.slow
-def test_errors_of_both_are_as_large_as_their_sigmas(tracking, forces):
-    truth_pa_m = LANDER.to_axes("PA", PhysicalModel.build().ephemeris.constants).xyz_m
-    squares = []
-    for seed in range(12):
-        solution = radioloc.locate(study_of(forces), noisy(tracking, seed))
-        apart_m = solution.rot_pa_to_enu @ (solution.position_pa_m - truth_pa_m)
-        error = np.concatenate([solution.state.position_m, solution.state.velocity_m_s]) - STATE
-        squares.append(
-            (
-                apart_m @ np.linalg.solve(solution.position_covariance("enu"), apart_m),
-                error @ np.linalg.solve(solution.state.covariance, error),
-            )
-        )
-    place, state = np.mean(squares, axis=0) / [3.0, 6.0]
-    # Three sigmas of the mean of chi-squared variables, 36 and 72 degrees of freedom.
-    assert abs(place - 1.0) < 3.0 * np.sqrt(2.0 / 36.0)
-    assert abs(state - 1.0) < 3.0 * np.sqrt(2.0 / 72.0)
-
-
 def test_a_study_file_names_a_lander_and_an_orbiter(tmp_path):
     (tmp_path / "table.csv").touch()
     (tmp_path / "both.toml").write_text(

@@ -79,11 +79,6 @@ def test_targets_under_the_names_of_the_study():
         with_target_names(observed, {"sc999": "x"})
 
 
-def test_a_table_of_which_all_is_kept_is_not_copied():
-    of_one = some().select([0, 1, 2])
-    assert select_observations(of_one, ObservationChoice(), CATALOGUE) == (of_one, {})
-
-
 def test_several_targets_need_a_choice():
     with pytest.raises(InputError, match=r"target.*apollo11, apollo15"):
         selected_rows(ObservationChoice())
@@ -102,14 +97,6 @@ def test_targets_with_positions_are_kept():
         selected_rows(ObservationChoice(), positions=["luna17"])
     with pytest.raises(InputError, match=r"apollo15;.*: \[model\]"):
         selected_rows(ObservationChoice(targets="apollo15"), positions=["apollo11"])
-
-
-def test_name_of_the_only_target_selects_among_several():
-    chosen, left_out = select_observations(some(), ObservationChoice(), CATALOGUE, name="AP11")
-    assert chosen.value_m.tolist() == [7.7e8 + 3]
-    assert left_out == {"other target": 5}
-    with pytest.raises(InputError, match="one target"):
-        select_observations(some(), ObservationChoice(), CATALOGUE, name="Eagle")
 
 
 def test_links_of_two_targets_need_both():
@@ -143,20 +130,6 @@ def test_stations_take_part_only_with_both_ends():
         selected_rows(ObservationChoice(**fifteen, stations="NOPE"))
 
 
-def test_one_way_links_have_one_station():
-    observed = Observations.from_columns(
-        epoch=epochs_from_strings(["2024-05-03", "2024-05-04"], "UTC"),
-        links=[Link("", "lander", "KASHI"), Link("", "lander", "JIAMUSI")],
-        link=[0, 1],
-        kind=KINDS.index("one_way_range"),
-        tag=TIME_TAGS.index("receive"),
-        value_m=[3.8e8, 3.9e8],
-        sigma_m=0.01,
-    )
-    chosen, left_out = select_observations(observed, ObservationChoice(stations="KASHI"), CATALOGUE)
-    assert (chosen.value_m.tolist(), left_out) == ([3.8e8], {"other station": 1})
-
-
 def test_span_includes_its_ends():
     span = ObservationChoice(
         targets="apollo15",
@@ -187,9 +160,3 @@ def test_nothing_left_says_why(span):
     )
     with pytest.raises(InputError, match=r"\(1.*5.*span\)"):
         selected_rows(choice)
-
-
-def test_nothing_to_begin_with():
-    empty = some().select([])
-    with pytest.raises(InputError, match=r"\(the.*none\)"):
-        select_observations(empty, ObservationChoice(), CATALOGUE)

@@ -161,9 +161,3 @@ def test_mistakes_name_the_table(tmp_path, old, new, message):
     path.write_text(text(ROVER, ROVER).replace(old, new))
     with pytest.raises(InputError, match=message):
         radioloc.read_study(path)
-
-
-def test_a_simulation_of_other_targets_is_refused(two_points):
-    scenario = replace(two_points.simulation, position={"lander": two_points.targets["lander"]})
-    with pytest.raises(InputError, match=r"\[simulation\]: expected the targets"):
-        replace(two_points, simulation=scenario)

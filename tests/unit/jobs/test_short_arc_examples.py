@@ -41,15 +41,6 @@ def test_data_are_what_the_study_says(tmp_path, capsys):
     assert np.abs(second.value_m - new.value_m).max() < 1e-3
 
 
-def test_data_can_be_made_where_there_are_none(tmp_path, capsys):
-    study = tmp_path / "short_arc.toml"
-    study.write_text((FOLDER / "short_arc.toml").read_text())
-    assert cli.main(["locate", str(study)]) == 2
-    assert "short_arc.csv: no such file" in capsys.readouterr().err
-    assert cli.main(["simulate", str(study), "--out", str(tmp_path / "short_arc.csv")]) == 0
-    assert cli.main(["locate", str(study), "--quiet"]) == 0
-
-
 def test_map_is_an_excerpt(tmp_path):
     """Cells of the map are the whole map's own."""
     pytest.importorskip("rasterio")

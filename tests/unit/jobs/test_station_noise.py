@@ -76,18 +76,6 @@ def covariance_m2(arc, **choice):
     return np.linalg.inv(weight.T @ weight)
 
 
-def test_ranges_share_nothing():
-    kinds = ["vlbi_delay", "range", "vlbi_delay", "doppler", "vlbi_delay"]
-    ends = [(0, 1), (0, 1), (0, 2), (0, 1), (1, 2)]
-    arc = arc_of(ends, kinds, [0.0, 0.0, 0.01, 0.0, 0.02])
-    expected = 25.0 * np.eye(5)
-    # Errors of stations 0, 1, 2 in delays 0-1, 0-2, 1-2.
-    expected[np.ix_([0, 2, 4], [0, 2, 4])] += 4.0 * np.array([[2, 1, -1], [1, 2, 1], [-1, 1, 2]])
-    solution = covariance_m2(arc, extra_sigma_m=4.0, vlbi_station_sigma_m=2.0)
-    np.testing.assert_allclose(solution, expected, rtol=0.0, atol=1e-10)
-    assert len(stated_noise(arc, ObservationChoice(extra_sigma_m=4.0)).terms) == 1
-
-
 def test_sigmas_of_vlbi_stations_by_name():
     arc = arc_of([(0, 1), (0, 2), (1, 2)], ["vlbi_delay"] * 3, [0.0, 0.01, 0.02])
     expected = 9.0 * np.eye(3) + np.array([[4, 0, -4], [0, 9, 9], [-4, 9, 13]])

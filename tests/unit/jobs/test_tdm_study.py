@@ -43,11 +43,6 @@ def truth():
     return simulated_ranges("range", [(a, b) for a in ("KASHI", "JIAMUSI") for b in ("KASHI", "JIAMUSI")])
 
 
-@pytest.fixture(scope="module")
-def one_way_truth():
-    return simulated_ranges("one_way_range", [("", "KASHI"), ("", "JIAMUSI")])
-
-
 def study_of(folder, **keys):
     lines = "\n".join(f"{key} = {value}" for key, value in keys.items())
     path = folder / "study.toml"
@@ -61,32 +56,6 @@ def test_ranges_of_a_message_locate_the_lander(truth, tmp_path):
     solution = radioloc.locate(study_of(tmp_path, sigma_m="{ range = 1.0 }"))
     assert solution.converged
     assert np.linalg.norm(solution.position_pa_m - point.xyz_m) < SAME_POINT_M
-
-
-def write_ambiguous(folder, observations):
-    modulus_s = 0.01
-    write_tdm(folder / "whole.kvn", observations, originator="TEST")
-    folded = []
-    for line in (folder / "whole.kvn").read_text().splitlines():
-        key, _, text = line.partition(" = ")
-        if key.strip() == "RANGE_MODULUS":
-            line = f"RANGE_MODULUS = {modulus_s * C_M_S / 1e3!r}"
-        if key.strip() == "RANGE":
-            date, value = text.split()
-            line = f"RANGE = {date} {float(value) % (modulus_s * C_M_S / 1e3)!r}"
-        folded.append(line)
-    (folder / "data.kvn").write_text("\n".join(folded) + "\n")
-
-
-@pytest.mark.parametrize(("kind", "of"), [("range", "truth"), ("one_way_range", "one_way_truth")])
-def test_an_ambiguous_range_is_resolved_by_the_a_priori_position(kind, of, tmp_path, request):
-    observations = request.getfixturevalue(of)[1]
-    write_ambiguous(tmp_path, observations)
-    ambiguous = radioloc.compute_residuals(study_of(tmp_path, sigma_m=f"{{ {kind} = 1.0 }}"))
-    write_tdm(tmp_path / "data.kvn", observations, originator="TEST")
-    complete = radioloc.compute_residuals(study_of(tmp_path, sigma_m=f"{{ {kind} = 1.0 }}"))
-    assert np.abs(complete.residuals.residual_m).max() > 100.0  # of an a-priori position that is some way off
-    assert np.abs(ambiguous.residuals.residual_m - complete.residuals.residual_m).max() < SAME_POINT_M
 
 
 def test_without_a_sigma_nothing_is_guessed(truth, tmp_path):

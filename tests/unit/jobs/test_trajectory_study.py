@@ -10,10 +10,9 @@ from spk_files import ORBITER, circular, low_lunar_orbit, tracking, write_states
 
 import radioloc
 from radioloc.cli import main
-from radioloc.errors import CoverageError, FileFormatError, InputError, KernelError
+from radioloc.errors import FileFormatError, InputError, KernelError
 from radioloc.io import TdmAgreement, write_table, write_tdm
 from radioloc.measurements.observations import Observations
-from radioloc.parameters.considered import considered_choices
 
 BIAS_M = 12.5
 SIGMA_M = 0.5
@@ -88,18 +87,11 @@ def test_a_bias_is_found_along_a_trajectory(folder):
     ("target", "estimate", "extra", "message"),
     [
         ('trajectory = "orbiter.bsp"', 'position = "none"', "", r"\[target\] body: is missing"),
-        ("body = -85", 'position = "none"', "", r"\[target\] trajectory: is missing"),
         (
             'trajectory = "orbiter.bsp"\nbody = -85',
             "",
             "",
             r"toml: \[estimate\] position: expected .none.",
-        ),
-        (
-            'trajectory = "orbiter.bsp"\nbody = -85',
-            'position = "none"',
-            "[reference]\nlongitude_deg = 1.0\nlatitude_deg = 1.0\nheight_m = 0.0",
-            r"\[reference\] belongs to a position on the Moon",
         ),
     ],
 )
@@ -145,22 +137,3 @@ def test_a_spacecraft_on_its_way_has_ranges_of_its_own(tmp_path, form):
     assert solution.residuals.used.all()
     # Both files have micrometres or better.
     assert np.abs(solution.residuals.residual_m).max() < 1e-5
-
-
-def test_observations_outside_the_trajectory_name_file_and_line(folder, tmp_path):
-    text = (folder / "ranges.csv").read_text().replace("2020-12-02T", "2020-12-05T")
-    (folder / "late.csv").write_text(text)
-    path = study_file(folder)
-    path.write_text(path.read_text().replace("ranges.csv", "late.csv"))
-    with pytest.raises(CoverageError, match=r"late\.csv.*\d+:.*orbiter\.bsp.*covers"):
-        radioloc.compute_residuals(radioloc.read_study(path))
-
-
-def test_love_numbers_do_not_displace_a_spacecraft(folder):
-    estimate = 'position = "none"\nrange_bias = ["JIAMUSI"]'
-    study = radioloc.read_study(study_file(folder, estimate=estimate))
-    study = replace(study, consider=considered_choices({"love_numbers_sigma": [0.01, 0.01]}))
-    solution = radioloc.locate(study)
-    love = [k for k, item in enumerate(solution.consider.parameters) if item.kind == "love_numbers"]
-    assert len(love) == 2
-    assert not solution.consider.sensitivity[:, love].any()

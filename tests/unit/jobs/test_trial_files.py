@@ -53,9 +53,7 @@ SOUND = {"trials": np.array([3]), "values": np.zeros((1, 2, 2)), "columns": np.a
     "values",
     [
         npy_header("(10**15, 2, 2)", "<f8"),
-        npy_header("(1000000000000, 2, 2)", "<f8"),
         npy_header("(1, 2, 2)", "|O") + bytes(100),
-        npy_header("(1, 2, 2)", [("a", "<f8")]) + bytes(32),
     ],
 )
 def test_a_header_that_promises_more_than_the_file_allocates_nothing(files, tmp_path, values):
@@ -64,14 +62,6 @@ def test_a_header_that_promises_more_than_the_file_allocates_nothing(files, tmp_
     with zipfile.ZipFile(path, "a") as archive:
         archive.writestr("values.npy", values)
     with pytest.raises(InputError, match="is damaged"):
-        files.completed("linear")
-
-
-def test_compressed_trials_are_refused_before_they_fill_the_memory(files, tmp_path):
-    np.savez_compressed(
-        tmp_path / "parts" / "linear-000003-000003.npz", **SOUND | {"values": np.zeros((10**6, 2, 2))}
-    )
-    with pytest.raises(InputError, match="is compressed"):
         files.completed("linear")
 
 

@@ -168,9 +168,7 @@ def test_roughness_is_the_scatter_about_a_plane(tmp_path, kind):
     ("call", "message"),
     [
         (lambda model: model.height_m(np.nan, 0.0), "not a finite"),
-        (lambda model: model.height_m(26.1, 0.1), "degrees instead of radians"),
         (lambda model: model.height_m(0.1, 3.6), "degrees instead"),
-        *((lambda model, r=r: model.roughness_m(0.0, 0.0, r), "radius_m") for r in (0.0, np.nan, 2e5)),
         *((lambda model, s=s: model.sigma_m(0.0, 0.0, s), "own_sigma_m") for s in (0.0, np.nan, np.inf)),
     ],
 )

@@ -14,11 +14,8 @@ def parts(link):
     ("changes", "words"),
     [
         ({"geometry": Geometry.COMBINED}, "if and only if"),
-        ({"parts": parts}, "if and only if"),
         ({"name": "half range"}, "'half range'"),
-        ({"tags": ()}, "transmit, receive, bounce"),
         ({"tags": ("receive", "noon")}, "transmit, receive, bounce"),
-        ({"geometry": Geometry.COMBINED, "parts": parts}, "a form of the path"),
     ],
 )
 def test_inconsistent_types(changes, words):

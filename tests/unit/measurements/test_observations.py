@@ -8,7 +8,7 @@ import pytest
 from radioloc.errors import DataQualityWarning, FileFormatError, InputError
 from radioloc.measurements.link import Link, canonical_target
 from radioloc.measurements.observations import Observations, without_duplicates
-from radioloc.measurements.registry import KINDS, is_differenced, is_integrated
+from radioloc.measurements.registry import is_differenced, is_integrated
 from radioloc.time import Epochs
 
 LINKS = (Link("APOLLO", "apollo15", "APOLLO"), Link("GRASSE", "apollo11", "GRASSE"))
@@ -122,13 +122,9 @@ def test_arrays_are_read_only_copies():
     ("changes", "line", "words"),
     [
         ({"value_m": [7e8, np.nan, 7e8, 7e8]}, 11, "value_m: .* got nan"),
-        ({"value_m": [7e8, 7e8, -7e8, 7e8]}, 12, "above zero"),
         ({"sigma_m": [1.0, 1.0, 1.0, 0.0]}, 13, "sigma_m: .* got 0"),
-        ({"sigma_m": np.inf}, 10, "sigma_m: .* got inf"),
         ({"temperature_k": 20.0}, 10, "temperature_k: .* got 20"),
-        ({"relative_humidity": [0.1, 0.2, 34.0, 0.1]}, 12, "0 to 1"),
         ({"pressure_hpa": 101325.0}, 10, "100 to 1100"),
-        ({"wavelength_um": 0.0}, 10, "wavelength_um"),
         ({"wavelength_um": 35.4, "uplink_hz": 7.2e9}, 10, "0.05 to 20 times"),
     ],
 )
@@ -143,11 +139,8 @@ def test_impossible_values_name_file_and_line(changes, line, words):
     ("changes", "words"),
     [
         ({"value_m": [1.0, 2.0]}, "one value or 4"),
-        ({"link": [0, 1, 2, 0]}, "indices of 0 to 1"),
         ({"tag": -1}, "tag: expected indices"),
-        ({"kind": len(KINDS)}, "kind: expected indices"),
         ({"epoch": Epochs.from_jd(np.full(4, 2460000.5), 0.0, "TT")}, "UTC"),
-        ({"files": (), "line": None, "sigma_m": [1, 1, -1, 1]}, "observation 3"),
     ],
 )
 def test_unusable_columns(changes, words):

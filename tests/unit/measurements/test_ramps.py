@@ -208,9 +208,7 @@ def test_round_trip_of_ramps_and_observations(tmp_path, model):
     ("line", "message"),
     [
         ("KASHI,2024-05-02T06:00:00,2024-05-02T06:10:00,7.2e9", "line 2: has 4 fields, but the header has 5"),
-        ("KASHI,2024-05-02T06:00:00,2024-05-02T06:10:00,fast,0", "line 2: .*'fast'"),
         ("KASHI,2024-13-02T06:00:00,2024-05-02T06:10:00,7.2e9,0", "line 2: "),
-        ("KASHI,2024-05-02T06:00:00,2024-05-02T05:10:00,7.2e9,0", "end after the start"),
     ],
 )
 def test_damaged_table_of_ramps(tmp_path, line, message):

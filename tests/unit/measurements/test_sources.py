@@ -45,11 +45,8 @@ def test_a_small_declination_keeps_its_sign(tmp_path):
     ("text", "message"),
     [
         ("source,ra\nx,1.0\n", "lines of the ICRF, or .* columns source,right_ascension_deg,declination_deg"),
-        (SOURCES + "a,400.0,1.0\n", "line 4: .* got 'a,400.0,1.0'"),
         (SOURCES + "a,40.0\n", "line 4"),
-        (SOURCES + "0059+581,40.0,1.0\n", "line 4: 0059.581"),
         (ICRF + "ICRF J174358.8-035004   1741-038   D    17 43\n", "line 4"),
-        ("source,right_ascension_deg,declination_deg\n", "expected sources"),
     ],
 )
 def test_invalid_tables_of_sources(tmp_path, text, message):

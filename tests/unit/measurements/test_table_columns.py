@@ -188,15 +188,10 @@ def test_leap_seconds_in_astropy_but_not_in_pandas():
     ("table", "words"),
     [
         (3.0, "got float"),
-        ({name: c for name, c in COLUMNS.items() if name != "time_tag"}, "column time_tag is missing"),
         (COLUMNS | {"presure": [870.0, 870.0]}, "unknown column 'presure'"),
-        (COLUMNS | {"sigma_m": [2.5]}, "'sigma_m': 1"),
         (COLUMNS | {"observed_m": [7.65e8, np.nan]}, "table, line 2: observed_m"),
-        (COLUMNS | {"observed_m": ["far", "near"]}, "observed_m"),
         (COLUMNS | {"observed_m": [2.5, 2.6] * u.s}, "observed_m is in s; give m"),
-        (COLUMNS | {"epoch_utc": ["2024-05-02T06:00:00", "soon"]}, "line 2: epoch_utc: .*'soon'"),
         (COLUMNS | {"epoch_utc": [2460432.75, 2460432.76]}, "epoch_utc: .* got type double"),
-        ({name: [] for name in COLUMNS}, "expected observations"),
     ],
 )
 def test_unusable_tables(table, words):
@@ -208,11 +203,8 @@ def test_unusable_tables(table, words):
     ("arguments", "words"),
     [
         ({"columns": {"observed_m": "rho"}}, "columns: observed_m: .*got 'rho'"),
-        ({"units": {"rho": "km"}}, "units: .* got 'rho'"),
         ({"units": {"observed_m": "parsnip"}}, "observed_m: .* got 'parsnip'"),
-        ({"units": {"observed_m": "s"}}, "observed_m"),
         ({"units": {"path": "km"}}, "units: path"),
-        ({"sigma_m": 1.0}, "sigma_m: .* got both"),
     ],
 )
 def test_unusable_arguments(arguments, words):

@@ -7,7 +7,6 @@ import pytest
 from paths import EXAMPLES
 from recorded import recorded, reference
 
-from radioloc.errors import InputError
 from radioloc.report import plot_map
 
 EXAMPLE = EXAMPLES / "images"
@@ -57,22 +56,3 @@ def test_the_ground_is_under_the_position():
     ]
     at = np.linspace(0, len(drawn) - 1, 61).round().astype(int)
     assert np.corrcoef(drawn[np.ix_(at, at)].ravel(), pixels.ravel())[0, 1] > 0.9
-
-
-@pytest.mark.parametrize(
-    ("contents", "options", "message"),
-    [
-        ([], {}, "at least one position"),
-        ([content() | {"position": None}], {}, "expected a position"),
-        ([content(), content("b", frame="ME_DE430")], {}, "in the same axes"),
-        ([content()], {"dem": "a", "base_map": "b"}, "got both"),
-        ([content(place=(3.0, 26.0)) | {"reference": None}], {"dem": EXAMPLE / "dem.tif"}, "outside"),
-        ([content(), content("far", (3.0, 26.0))], {}, "within 500 km"),
-        ([content(), content("behind", (150.0, -26.0))], {}, "within 500 km"),
-        ([content()], {"reach_m": math.nan}, "reach_m: expected a number"),
-        ([content()], {"reach_m": 3e6}, "at most 1e\\+06 m"),
-    ],
-)
-def test_maps_that_cannot_be_drawn_are_refused(contents, options, message):
-    with pytest.raises(InputError, match=message):
-        plot_map(contents, **options)

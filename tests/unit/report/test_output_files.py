@@ -87,20 +87,6 @@ def test_residuals_are_written_block_by_block(tmp_path):
     assert peak < 1.5e7
 
 
-@pytest.mark.parametrize(
-    ("changes", "words"),
-    [
-        ({"observed_m": np.array([np.nan, 7.7e8])}, "observed_m of observation 1"),
-        ({"sigma_m": np.array([1.0, np.inf])}, "sigma_m of observation 2"),
-        ({"sigma_m": np.array([1.0])}, "sigma_m has 1 values, but there are 2"),
-        ({"elevation_deg": None}, "elevation_deg"),
-    ],
-)
-def test_incomplete_residuals_are_refused(changes, words):
-    with pytest.raises(InputError, match=words):
-        residual_table(two_rows(**changes))
-
-
 def test_json_contains_the_values(tmp_path):
     file = tmp_path / "solution.json"
     content = {
@@ -122,9 +108,7 @@ def test_json_contains_the_values(tmp_path):
     ("content", "words"),
     [
         ({"a": {"b": [0.0, float("nan")]}}, r"a\.b\[1\]: expected a finite"),
-        ({"a": np.array([[1.0, np.inf]])}, r"a\[0\]\[1\]: expected a finite"),
         ({"a": np.float32("nan")}, "a: expected a finite"),
-        ({"a": object()}, "got a object"),
         ({"a": 1j}, "got a complex"),
     ],
 )

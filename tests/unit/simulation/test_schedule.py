@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from radioloc.errors import InputError, StationError
+from radioloc.errors import InputError
 from radioloc.measurements.link import Link
 from radioloc.simulation import Masks, Schedule, Session, all_ranges, baselines, elevations, two_way, windows
 from radioloc.time import epochs_from_strings, utc_strings, utc_to_tt
@@ -128,24 +128,3 @@ def test_invalid_sessions_are_refused(changes, words):
     }
     with pytest.raises(InputError, match=words):
         Session(**(fields | changes))
-
-
-def test_invalid_schedules_are_refused(model, lander_pa_m):
-    def planned(*sessions, masks=None):
-        return Schedule(sessions, masks or Masks()).plan(model, lander_pa_m)
-
-    session = Session("range", two_way("KASHI"), START, STOP, 600.0, 1.0)
-    with pytest.raises(InputError, match="at least one session"):
-        planned()
-    with pytest.raises(InputError, match="below the horizon"):
-        planned(session, masks=Masks(89.0))
-    with pytest.raises(InputError, match="the same link"):
-        planned(session, Session("range", two_way("KS"), START, STOP, 1200.0, 1.0))
-    with pytest.raises(StationError, match="KASHY"):
-        planned(Session("range", two_way("KASHY"), START, STOP, 600.0, 1.0))
-    with pytest.raises(InputError, match="count interval"):
-        planned(Session("doppler", two_way("KASHI"), START, STOP, 600.0, 1.0))
-    with pytest.raises(InputError, match="stop_utc: expected"):
-        planned(Session("range", two_way("KASHI"), STOP, START, 600.0, 1.0))
-    with pytest.raises(InputError, match="leap second"):
-        Session("range", two_way("KASHI"), "2016-12-31T12:00", "2017-01-01T12:00", 600.0, 1.0).epochs()

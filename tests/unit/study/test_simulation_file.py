@@ -52,13 +52,9 @@ def test_every_key_is_read(tmp_path):
     ("old", "new", "message"),
     [
         ("{ KASHI = 7.0 }", "{ KASHI = 7.0, kashi = 8.0 }", r"station_masks_deg: names a station twice"),
-        ("{ KASHI = -5e-9 }", "{ KASHI = -5e-9, kashi = 1e-9 }", r"KASHI is named twice"),
         ("seed = 1", "seed = -1", r"\[simulation\] seed: .*, got -1"),
-        ('links = "all"', 'links = "baselines"', r"ranging\] links: 'baselines' .* kind 'range'"),
         ('["JIAMUSI", "KASHI"]', '["JIAMUSI", "KASCHI"]', r"ranging\] stations: .*KASCHI"),
-        ("white_m = 0.8", "white_m = -0.8", r"\[simulation.noise.range\] noise: white_m: .*, got -0.8"),
         ("{ KASHI = 4.2 }", "{ NEUQUEN = 4.2 }", r"range_bias_m: NEUQUEN is in no session"),
-        ("clock_s = 5e-9", "clock_s = 0.1", r"clock_s: .* at most 0.01 s.* got 0.1"),
     ],
 )
 def test_mistakes_name_table_and_key(tmp_path, old, new, message):

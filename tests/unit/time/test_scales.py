@@ -10,12 +10,10 @@ from radioloc.time import (
     tai_to_tt,
     tai_to_utc,
     to_scale,
-    tt_to_tdb,
     utc_strings,
     utc_to_tai,
     utc_to_tt,
 )
-from radioloc.time.scales import tdb_to_tt, tt_to_tai
 
 # Last place of a fraction of a day, and one rounding more.
 RESOLUTION_S = 2e-11
@@ -89,29 +87,6 @@ def test_tai_before_1972_cannot_become_utc():
         tai_to_utc(epochs_from_strings("1971-12-31T12:00:00", "TAI"))
     with pytest.raises(CoverageError, match="1969-07-20"):
         to_scale(epochs_from_strings("1969-07-20T20:18:00", "TT"), "UTC")
-
-
-@pytest.mark.parametrize(
-    ("convert", "wrong"),
-    [
-        (utc_to_tai, "TT"),
-        (tai_to_utc, "UTC"),
-        (tai_to_tt, "UTC"),
-        (tt_to_tai, "TDB"),
-        (tt_to_tdb, "TDB"),
-        (tdb_to_tt, "TT"),
-    ],
-)
-def test_epochs_of_another_scale_are_refused(convert, wrong):
-    with pytest.raises(InputError, match=f"but {wrong} was given"):
-        convert(Epochs.from_jd(2459185.5, 0.0, wrong))
-
-
-@pytest.mark.parametrize("scale", ["UTC", "TAI", "TT", "TDB"])
-def test_any_scale_as_utc(scale):
-    utc = epochs_from_strings("2006-01-01T00:00:10", "UTC")
-    chain = {"UTC": utc, "TAI": utc_to_tai(utc), "TT": utc_to_tt(utc), "TDB": tt_to_tdb(utc_to_tt(utc))}
-    assert utc_strings(to_scale(chain[scale], "UTC"), 9).tolist() == ["2006-01-01T00:00:10.000000000"]
 
 
 def test_ut1_cannot_become_utc_without_earth_orientation():

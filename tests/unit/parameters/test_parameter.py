@@ -33,7 +33,7 @@ def arc_of(*dates):
         sigma_m=1.0,
     )
     lander = radioloc.LunarPosition.from_selenographic(-51.9, 43.0, -2500.0)
-    return radioloc.jobs.arc_of(radioloc.Study(target=lander), observations)
+    return radioloc.jobs.prepare_arc(radioloc.Study(target=lander), observations)
 
 
 def test_partials_of_another_shape_are_refused():

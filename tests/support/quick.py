@@ -21,7 +21,7 @@ def undrawn():
 @contextmanager
 def unsearched():
     """Fit without consistency tests, half of the time of a fit of laser ranges."""
-    from radioloc.estimation.consistency import Consistency
+    from radioloc.estimation.consistency_results import Consistency
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("radioloc.results.build.assess_consistency", lambda *_: Consistency())

@@ -1,35 +1,32 @@
-"""Consistency tests: agreement of groups of observations and a-priori values with the other data.
+"""Consistency tests: detection and identification of gross errors (Baarda 1968; Teunissen 1990).
 
-1. Each group (station, link, pass or type) is removed by additional parameters that absorb it. The test compares the
-   estimates with and without the group.
-2. Explanations (:mod:`~radioloc.estimation.hypotheses`) are tested by :mod:`~radioloc.estimation.group_tests`: errors
-   of a-priori values and of parameters that the fit holds at zero, steps and offsets.
-3. The most significant explanation becomes a parameter, and the tests are repeated until none is significant.
+1. Detection. Columns Z that are added to the design matrix remove a group of observations (station, link, type, pass)
+   from the fit, or describe an error (:mod:`~radioloc.estimation.hypotheses`). Without the error, the test statistic
+   T = s^T F^-1 s of :mod:`~radioloc.estimation.group_tests` is chi-square of q = rank F degrees of freedom. Its p-value
+   is multiplied by the number of tests (Bonferroni correction).
+2. Identification. The error with the smallest p-value is tested again with the noise of the residuals after its
+   estimation, since noise from residuals that contain a large error hides it. T/q then follows Fisher's distribution
+   with q and f degrees of freedom, f of the noise.
+3. Separability (Foerstner 1983). Another error Z_2 remains possible if T(Z, Z_2) - T(Z_2) is not significant. Of the
+   possible errors, that of the largest odds is named first, the others are its alternatives.
+4. Adaptation. Z becomes part of the design matrix, and steps 1 to 3 are repeated until no test is significant.
 
-Separability (Förstner 1983). An explanation remains possible if its estimation makes the finding insignificant.
-Explanations that the data cannot separate are reported as one finding, errors of published models last. Of others with
-equal likelihood, the one with the smallest ratio of amount to a-priori sigma is named first.
-
-Noise estimated from the residuals contains the fault, so a large fault may be less significant than a small one. The
-most significant explanation is therefore tested a second time, with the noise of the residuals after its estimation.
-That variance ratio follows Fisher's distribution, with the degrees of freedom of the noise.
-
-Probabilities are multiplied by the number of tests (Bonferroni correction).
+References: Baarda (1968), A testing procedure for use in geodetic networks; Foerstner (1983), Reliability and
+discernability of extended Gauss-Markov models; Teunissen (1990), Quality control in integrated navigation systems.
 """
 
 from __future__ import annotations
 
 import math
-import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
-from typing import Any
+from dataclasses import dataclass, replace
+from operator import attrgetter
 
 import numpy as np
 
-from radioloc.constants import C_M_S
-from radioloc.estimation.adaptation import AdaptedEstimate, adapted_estimate
+from radioloc.estimation.adaptation import adapted_estimate
+from radioloc.estimation.consistency_results import SIGNIFICANCE_LEVEL, Consistency, ConsistencyTest
 from radioloc.estimation.editing import EditedFit
 from radioloc.estimation.group_tests import (
     BinnedProblem,
@@ -39,190 +36,43 @@ from radioloc.estimation.group_tests import (
     estimate_change,
     f_log_p_value,
 )
-from radioloc.estimation.hypotheses import ALL, TERM, Family, Hypotheses, Hypothesis, Links, Span, passes
-from radioloc.estimation.reliability import Reliability, assess_reliability
+from radioloc.estimation.hypotheses import ALL, Family, Hypotheses, Hypothesis, Links, Span, passes
+from radioloc.estimation.reliability import assess_reliability
 from radioloc.estimation.series import SeriesOrder
 from radioloc.noise.whitening import Rows
-from radioloc.parameters.registry import parameter_label
 from radioloc.time import Epochs, utc_strings
-from radioloc.units import set_fields
 from radioloc.vectors import Floats
 
-SIGNIFICANCE_LEVEL = 1e-3  # fewer than one false finding in a thousand solutions
-_LOG_ALTERNATIVE_LEVEL = math.log(
-    1e-3
-)  # of the test of a finding against an alternative: excludes one right cause in a thousand
+_LOG_SIGNIFICANCE_LEVEL = math.log(SIGNIFICANCE_LEVEL)
+_LOG_SEPARABILITY_LEVEL = math.log(1e-3)  # excludes one right cause in a thousand
 _MAX_FINDING_COUNT = 3  # further findings are mostly consequences of the first
 _MAX_GROUP_COUNT = 200  # bounds the time for long arcs of many passes
-_KINDS = ("a priori", "parameter", "offset", "jump")  # of explanations, the more specific first
-_MAX_PRINTED_ALTERNATIVES = 3
-_MIN_SAME_EFFECT = 1.0 - 1e-6  # squared correlation of two columns but for rounding and light times
-_MAX_ROUND_COUNT = 3  # of noise and most significant explanation, each found by the other
-
-
-@dataclass(frozen=True, slots=True)
-class ConsistencyTest:
-    """Consistency test of a group of observations or of an explanation, with its result."""
-
-    # Removed: "station", "link", "type", "pass"; estimated: "a priori", "parameter", "jump", "offset"; rejected: "run";
-    # stated: "sigma"; corrected: "mistake"; of an orbit: "forces".
-    kind: str
-    name: str  # station, link, type or parameter that is tested
-    chi2: float  # test statistic
-    dof: int
-    log10_p_value: float  # log10 of the p-value, corrected for the number of tests
-    # Change of the position by the removal or estimation, together with the preceding findings, and its sigma
-    shift_enu_m: tuple[float, float, float] | None
-    shift_sigma_enu_m: tuple[float, float, float] | None
-    amounts: dict[str, float]  # estimated components, in `unit`
-    unit: str = ""
-    first_utc: str = ""  # epochs of the interval, empty for the whole arc
-    last_utc: str = ""
-    prior_sigmas: float | None = None  # amounts over a-priori sigmas, or over the scale of the parameter
-    data_values: dict[str, float] = field(default_factory=dict)  # a-priori values from the data alone
-    alternatives: tuple[ConsistencyTest, ...] = ()  # other explanations that the data cannot exclude
-    next_chi2_ratio: float | None = None  # of a mistake: chi-square of the next hypothesis over its own
-
-    @property
-    def significant(self) -> bool:
-        """True if the p-value is below the significance level."""
-        return self.log10_p_value < math.log10(SIGNIFICANCE_LEVEL)
-
-    @property
-    def participants(self) -> frozenset[str]:
-        """Words of the name, among them the stations concerned."""
-        return frozenset(re.split(r"[ .<>|]+", self.name))
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return all fields for JSON; a significant test has a sentence as ``text``."""
-        content: dict[str, Any] = {name: getattr(self, name) for name in ("kind", "name", "chi2", "dof")}
-        content["log10_chance"] = self.log10_p_value
-        for key in ("shift", "shift_sigma"):
-            values = getattr(self, f"{key}_enu_m") or (None, None, None)
-            content[key] = dict(zip(("east_m", "north_m", "up_m"), values, strict=True))
-        content |= {"amounts": self.amounts, "unit": self.unit}
-        content |= {"first_utc": self.first_utc or None, "last_utc": self.last_utc or None}
-        content |= {"prior_sigmas": self.prior_sigmas, "data_values": self.data_values}
-        content["next_chi2_ratio"] = self.next_chi2_ratio
-        content["alternatives"] = [
-            {key: getattr(item, key) for key in ("kind", "name", "amounts", "unit", "prior_sigmas")}
-            for item in self.alternatives
-        ]
-        return content | {"significant": self.significant, "text": str(self) if self.significant else None}
-
-    @property
-    def cause(self) -> str:
-        """Cause in words, with its amounts."""
-        period = f" from {self.first_utc} to {self.last_utc}" if self.last_utc else ""
-        parts = " ".join(
-            f"{value:+.3g}{'' if self.unit == '1' else f' {self.unit}'}{f' {name}' if name else ''}"
-            for name, value in self.amounts.items()
-        )
-        value = next(iter(self.amounts.values()), 0.0)
-        kind, _, label = self.name.partition(".")
-        match self.kind:
-            case "jump":
-                return f"{self.name} jumps by {_amount(value, self.unit)} at {self.first_utc}"
-            case "offset":
-                return f"{self.name} is off by {_amount(value, self.unit)}{period}"
-            case "mistake":
-                return self.name
-            case "forces":
-                return "the forces of the orbit (gravity field, manoeuvres, radiation) do not fit the observations"
-            case "run":
-                return f"{self.dof} observations of {self.name}{period} are off by {value:+.3g} {self.unit}, rejected"
-            case "sigma":
-                factor, word = (value, "small") if value > 1.0 else (1.0 / value, "large")
-                text = f"{factor:.0f}" if factor >= 10.0 else f"{factor:.2g}"
-                members = f" of {self.name}" if self.name else ""
-                return f"the stated sigmas{members} are about {text} times too {word}"
-            case "parameter" if kind == TERM:
-                return f"the observations contain the term {label}, which is switched off ({value:+.3g} of it fit)"
-            case "parameter":
-                return f"the {parameter_label(self.name)} is {parts}, not zero"
-            case "a priori":
-                label = label if kind == "position" else parameter_label(self.name)
-                return f"the a-priori {label} does not fit the observations ({parts} explains it{self._data_alone()})"
-        return f"{self.name}{period} does not fit the others"
-
-    def _data_alone(self) -> str:
-        """Value of a single a-priori value from the data alone."""
-        if len(self.data_values) != 1 or not self.name.startswith("position."):
-            return ""
-        [value] = self.data_values.values()
-        return f": the data alone give {value:.1f} {self.unit}"
-
-    def __str__(self) -> str:
-        sentence = self.cause
-        if self.next_chi2_ratio is not None:
-            sentence += f" (chi-square {self.next_chi2_ratio:.3g} times smaller than of the next hypothesis)"
-        if self.shift_enu_m is not None:
-            condition = "with that" if self.amounts else "without it"
-            sentence += f"; {condition} the position moves by {math.hypot(*self.shift_enu_m):.3g} m"
-        if self.alternatives:
-            causes = [item.cause for item in self.alternatives[:_MAX_PRINTED_ALTERNATIVES]]
-            rest_count = len(self.alternatives) - len(causes)
-            causes += [f"{rest_count} more in solution.json"] if rest_count else []
-            sentence += f"; the data cannot exclude that {', or '.join(causes)}"
-        return sentence
-
-
-def _amount(value: float, unit: str) -> str:
-    """Amount of a step or offset in the unit of its type."""
-    if unit == "m":
-        return f"{value:+.3g} m ({1e9 * value / C_M_S:+.3g} ns)"
-    return f"{1e9 * value:+.3g} ns ({C_M_S * value:+.3g} m)" if unit == "s" else f"{value:+.3g} {unit}"
-
-
-@dataclass(frozen=True, slots=True)
-class Consistency:
-    """Results of the consistency tests of a fit."""
-
-    groups: tuple[ConsistencyTest, ...] = ()  # tests of all groups, significant or not
-    findings: tuple[
-        ConsistencyTest, ...
-    ] = ()  # significant tests, each with the preceding ones as parameters
-    adapted: AdaptedEstimate | None = None  # estimate with the findings as parameters; None without findings
-    reliability: tuple[Reliability, ...] = ()  # of all hypotheses on errors that last for the whole arc
-
-    def __repr__(self) -> str:
-        return f"<Consistency of {len(self.groups)} groups, {len(self.findings)} finding(s)>"
-
-    def to_list(self) -> list[dict[str, Any]]:
-        """Return findings and groups in types of JSON."""
-        return [item.to_dict() for item in (*self.findings, *self.groups)]
+_MAX_ROUND_COUNT = 3  # of noise and most significant error, each computed from the other
+_MIN_SQUARED_CORRELATION = 1.0 - 1e-6  # of two columns that differ by rounding and light times
+_KINDS = ("a priori", "parameter", "offset", "jump")  # of errors, the more specific first
+_log_p_value = attrgetter("log_p_value")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Test:
-    """Test of a hypothesis, or of the removal of a group of observations."""
+class _Candidate:
+    """Hypothesis, or removal of a group, with its test."""
 
-    kind: str
-    name: str
-    columns: Floats
-    verdict: ScoreTest
-    log_count: float  # logarithm of the number of tests
-    hypothesis: Hypothesis | None = None  # None of a group
+    hypothesis: Hypothesis
+    score_test: ScoreTest
+    test_count: int  # number of tests in its family
+    log_p_value: float  # corrected for the number of tests
     indices: tuple[int, ...] = ()  # of the columns in products of all hypotheses
-    links: Links = field(default_factory=dict)
-    span_s: Span = None
-    alternatives: tuple[_Test, ...] = ()
-    # Logarithm of the corrected p-value, by default that of the verdict.
-    log_p_value: float = field(default=math.nan)
+    alternatives: tuple[_Candidate, ...] = ()
 
-    def __post_init__(self) -> None:
-        if math.isnan(self.log_p_value):
-            set_fields(self, log_p_value=self.verdict.log_p_value + self.log_count)
+    @property
+    def is_group(self) -> bool:
+        """True for the removal of a group of observations."""
+        return self.hypothesis.family is Family.GROUP
 
     @property
     def sigmas(self) -> float:
         """Amount over the a-priori standard deviation; infinite for a group."""
-        return math.inf if self.hypothesis is None else float(np.linalg.norm(self.verdict.estimate))
-
-    @property
-    def significant(self) -> bool:
-        """True if the p-value is below the significance level."""
-        return self.log_p_value < math.log(SIGNIFICANCE_LEVEL)
+        return math.inf if self.is_group else float(np.linalg.norm(self.score_test.estimate))
 
 
 def assess_consistency(
@@ -230,44 +80,51 @@ def assess_consistency(
     epoch_utc: Epochs,
     enu_partials: Floats | None,
     rejected: Sequence[ConsistencyTest] = (),
-    state_by_parameters: Floats | None = None,
+    state_partials: Floats | None = None,
 ) -> Consistency:
-    """Test groups of observations, a-priori values, parameters held at zero, steps and offsets.
+    """Search for gross errors, and assess the smallest errors that the search detects (reliability).
 
-    Without these tests, a VLBI clock error of 5 ns or a station error of 50 m stays unreported: residuals and status do
-    not show them (`tests/unit/jobs/test_consistency.py`).
+    `enu_partials` (3, p) are those of the position, None for a moving target; `state_partials` those of the position in
+    an orbit, for its reliability; `rejected` the findings on runs of outliers. Without the search, a VLBI clock error
+    of 5 ns or a station error of 50 m stays unreported (`tests/unit/jobs/test_consistency.py`).
     """
     if hypotheses is None:
         return Consistency(findings=tuple(rejected))
     problem = hypotheses.problem
-    search = _Search(hypotheses, epoch_utc, enu_partials)
-    reliability_search = (
-        search if state_by_parameters is None else replace(search, enu_partials=state_by_parameters)
-    )
-    group_tests = search.groups(problem)
-    groups = tuple(search.record(test) for test in group_tests)
-    findings: list[_Test] = []
+    search = _Search(hypotheses, epoch_utc, _in_problem_units(enu_partials, hypotheses))
+    group_tests = search.test_groups(problem)
+    groups = tuple(map(search.record, group_tests))
+
+    findings: list[_Candidate] = []
     while len(findings) < _MAX_FINDING_COUNT:
         finding = search.most_significant(problem, group_tests)
-        if finding is None or not finding.significant:
+        if finding is None or finding.log_p_value >= _LOG_SIGNIFICANCE_LEVEL:
             break
         findings.append(finding)
-        problem = problem.with_columns(finding.columns)
-        if finding.hypothesis is None:
+        problem = problem.with_columns(finding.hypothesis.columns)
+        if finding.is_group:
             break
-        group_tests = search.groups(problem)
-    reliability = reliability_search.reliability(
-        hypotheses.problem.with_noise_of(problem) if findings else problem
+        group_tests = search.test_groups(problem)
+
+    counts = Counter(item.family for item in hypotheses.continuous)
+    log_levels = {
+        family: _LOG_SIGNIFICANCE_LEVEL - _log_test_count(count) for family, count in counts.items()
+    }
+    reliability = assess_reliability(
+        hypotheses.problem.with_noise_of(problem) if findings else problem,
+        hypotheses.continuous,
+        log_levels,
+        _in_problem_units(enu_partials if state_partials is None else state_partials, hypotheses),
     )
-    if findings and all(map(search.is_of_readmitted, findings)):
-        return Consistency(groups, tuple(rejected), None, reliability)  # the rejection corrects the fault
-    explained = {
+    if findings and all(map(search.is_rejected_series, findings)):
+        return Consistency(groups, tuple(rejected), None, reliability)  # the rejection corrects the error
+    explained_runs = {
         search.run_key(rows)
         for rows in hypotheses.readmitted
-        if findings and not search.run_is_significant(problem, rows)
+        if findings and not search.is_run_significant(problem, rows)
     }
+    runs = (item for item in rejected if (item.name, item.first_utc) not in explained_runs)
     records = tuple(search.joint_records(findings, problem))
-    runs = (item for item in rejected if (item.name, item.first_utc) not in explained)
     adapted = adapted_estimate(problem, hypotheses.fit) if records else None
     return Consistency(groups, (*records, *runs), adapted, reliability)
 
@@ -287,273 +144,271 @@ def rejected_runs(
             residual_m, unit = 1e3 * residual_m / count_s[rows], "mm/s"
         first_utc, last_utc = utc_strings(epoch_utc[rows[[0, -1]]], decimals=0)
         yield ConsistencyTest(
-            "run",
-            order.series[order.code[rows[0]]].name,
-            chi2,
-            len(rows),
-            chi2_log_p_value(chi2, len(rows)) / math.log(10.0),
-            None,
-            None,
-            {"": float(residual_m.mean())},
-            unit,
-            str(first_utc),
-            str(last_utc),
+            kind="run",
+            name=order.series[order.code[rows[0]]].name,
+            chi2=chi2,
+            dof=len(rows),
+            log10_p_value=chi2_log_p_value(chi2, len(rows)) / math.log(10.0),
+            amounts={"": float(residual_m.mean())},
+            unit=unit,
+            first_utc=str(first_utc),
+            last_utc=str(last_utc),
         )
+
+
+def _in_problem_units(partials: Floats | None, hypotheses: Hypotheses) -> Floats | None:
+    """Transform partials (3, p) to the first parameters of the binned problem, (3, w)."""
+    if partials is None:
+        return None
+    parameters, (units, width) = hypotheses.fit.parameters, hypotheses.units
+    estimated = parameters.free & ~parameters.considered
+    return partials[:, np.flatnonzero(estimated)] @ units[estimated[parameters.free], :width]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Search:
-    """Tests of hypotheses and groups, with the fit that they belong to."""
+    """Tests of the groups and hypotheses of a fit."""
 
     hypotheses: Hypotheses
     epoch_utc: Epochs
-    enu_partials: Floats | None
+    enu_partials: Floats | None  # (3, w), with respect to the first parameters of the binned problem
 
-    def groups(self, problem: BinnedProblem) -> list[_Test]:
+    def test_groups(self, problem: BinnedProblem) -> list[_Candidate]:
         """Test the removal of each link, type, station and pass of a station."""
+        groups, candidates = self.groups(problem), []
+        for kind, name, links, span_s in groups:
+            columns = problem.removal(links, span_s or (-np.inf, np.inf))
+            group = Hypothesis(Family.GROUP, kind, name, columns, np.zeros(0), "", links=links, span_s=span_s)
+            score_test = problem.test(columns, links, scaled=True)
+            if score_test is not None:
+                candidates.append(_candidate(group, score_test, len(groups)))
+        return candidates
+
+    def groups(self, problem: BinnedProblem) -> list[tuple[str, str, Links, Span]]:
+        """Return kind, name, links and interval of the groups that leave observations of others."""
         order, codes = self.hypotheses.order, self.hypotheses.codes
-        groups: dict[tuple[str, str], Links] = {
+        links_of: dict[tuple[str, str], Links] = {
             ("link", order.series[code].name): {code: 1.0} for code in codes
         }
         for code in codes:
-            groups.setdefault(("type", order.series[code].kind), {})[code] = 1.0
-        groups |= {("station", name): links for name, links in order.of_stations(codes).items()}
-        selections: list[tuple[str, str, Links, Span]] = []
-        for (kind, name), links in groups.items():
+            links_of.setdefault(("type", order.series[code].kind), {})[code] = 1.0
+        links_of |= {("station", name): links for name, links in order.of_stations(codes).items()}
+        groups: list[tuple[str, str, Links, Span]] = []
+        for (kind, name), links in links_of.items():
             spans = passes(problem, links) if kind == "station" else []
-            if 1 < len(spans) < _MAX_GROUP_COUNT - len(selections):
-                selections += [("pass", name, links, span_s) for span_s in spans]
+            if 1 < len(spans) < _MAX_GROUP_COUNT - len(groups):
+                groups += [("pass", name, links, span_s) for span_s in spans]
             if len(links) < len(codes):
-                selections.append((kind, name, links, None))
-        tests = []
-        for kind, name, links, span_s in selections:
-            columns = problem.removal(links, span_s or (-np.inf, np.inf))
-            verdict = problem.test(columns, links, scaled=True)
-            if verdict is not None:
-                log_count = _log_test_count(len(selections))
-                tests.append(_Test(kind, name, columns, verdict, log_count, links=links, span_s=span_s))
-        return tests
+                groups.append((kind, name, links, None))
+        return groups
 
-    def explanations(
-        self, problem: BinnedProblem, group: _Test | None = None
-    ) -> tuple[ScoreProducts, list[_Test]]:
-        """Test all hypotheses, steps at their most likely epochs, and a group again."""
+    def test_hypotheses(
+        self, problem: BinnedProblem, group: _Candidate | None = None
+    ) -> tuple[ScoreProducts, list[_Candidate]]:
+        """Test all hypotheses, steps at their most significant epochs, and a group again."""
         hypotheses = list(self.hypotheses.continuous)
-        families = [hypothesis.family for hypothesis in hypotheses]
-        counts = {family: families.count(family) for family in Family}
+        counts = Counter(item.family for item in hypotheses)
         for name, links in self.hypotheses.link_sets:
-            edges_s = self.hypotheses.step_epochs_s(links)
-            counts[Family.STEP] += len(edges_s)
-            if len(edges_s):
-                index = int(np.argmax(problem.chi2_of_steps(links, edges_s)))
-                hypotheses.append(self.hypotheses.step(name, links, float(edges_s[index])))
-        columns = [item.columns for item in hypotheses]
-        products = problem.products(np.hstack(columns if group is None else [*columns, group.columns]))
-        tests, begin = list[_Test](), 0
+            epochs_s = self.hypotheses.step_epochs_s(links)
+            counts[Family.STEP] += len(epochs_s)
+            if len(epochs_s):
+                index = int(np.argmax(problem.chi2_of_steps(links, epochs_s)))
+                hypotheses.append(self.hypotheses.step(name, links, float(epochs_s[index])))
+        if group is not None:
+            hypotheses.append(group.hypothesis)
+            counts[Family.GROUP] = group.test_count
+        products = problem.products(np.hstack([item.columns for item in hypotheses]))
+        candidates, begin = list[_Candidate](), 0
         for item in hypotheses:
             indices = tuple(range(begin, begin := begin + item.columns.shape[1]))
-            verdict = products.test(indices, item.links)
-            if verdict is not None:
-                log_count = _log_test_count(counts[item.family])
-                test = _Test(item.kind, item.name, item.columns, verdict, log_count, item, indices)
-                tests.append(replace(test, links=item.links, span_s=item.span_s))
-        if group is not None:
-            indices = tuple(range(begin, begin + group.columns.shape[1]))
-            verdict = products.test(indices, group.links, scaled=True)
-            tests += (
-                []
-                if verdict is None
-                else [replace(group, verdict=verdict, indices=indices, log_p_value=math.nan)]
-            )
-        return products, tests
+            score_test = products.test(indices, item.links, scaled=item.family is Family.GROUP)
+            if score_test is not None:
+                candidates.append(_candidate(item, score_test, counts[item.family], indices))
+        return products, candidates
 
-    def reliability(self, problem: BinnedProblem) -> tuple[Reliability, ...]:
-        """Return the smallest errors that the tests find, and the effect of those that they do not find."""
-        hypotheses = self.hypotheses.continuous
-        counts = Counter(item.family for item in hypotheses)
-        log_levels = {
-            family: math.log(SIGNIFICANCE_LEVEL) - _log_test_count(count) for family, count in counts.items()
-        }
-        return assess_reliability(problem, hypotheses, log_levels, self._enu_by_unit())
-
-    def _enu_by_unit(self) -> Floats | None:
-        """Return the partials of the position by the first parameters of the problem, (3, w)."""
-        if self.enu_partials is None:
-            return None
-        fit = self.hypotheses.fit
-        units, width = self.hypotheses.units
-        estimated = fit.parameters.free & ~fit.parameters.considered
-        adjusted = estimated[fit.parameters.free]
-        return self.enu_partials[:, np.flatnonzero(estimated)] @ units[adjusted, :width]
-
-    def most_significant(self, problem: BinnedProblem, group_tests: list[_Test]) -> _Test | None:
-        """Return the most significant explanation or group, with alternatives that the data cannot exclude."""
-        _, tests = self.explanations(problem)
-        initial = min([*tests, *group_tests], key=_log_chance, default=None)
-        if initial is None or initial.verdict.chi2 == 0.0:  # residuals are zero
+    def most_significant(self, problem: BinnedProblem, group_tests: list[_Candidate]) -> _Candidate | None:
+        """Return the most significant error or group, with alternatives that the data cannot exclude."""
+        _, candidates = self.test_hypotheses(problem)
+        initial = min([*candidates, *group_tests], key=_log_p_value, default=None)
+        if initial is None or initial.score_test.chi2 == 0.0:  # residuals are zero
             return None
         best = initial
         for _ in range(_MAX_ROUND_COUNT):
-            group = best if best.hypothesis is None else None
-            renewed = problem.with_noise_of(problem.with_columns(best.columns))
-            products, tests = self.explanations(renewed, group)
-            likeliest = min(tests, key=_log_chance, default=best)
-            if likeliest.name == best.name and likeliest.kind == best.kind:
-                best = likeliest
+            previous = best.hypothesis
+            reweighted = problem.with_noise_of(problem.with_columns(previous.columns))
+            products, candidates = self.test_hypotheses(reweighted, best if best.is_group else None)
+            best = min(candidates, key=_log_p_value, default=best)
+            if (best.hypothesis.kind, best.hypothesis.name) == (previous.kind, previous.name):
                 break
-            best = likeliest
-        noise_dof, verdict = products.noise_dof(best.indices, best.verdict.estimate), best.verdict
-        log_ratio_chance = f_log_p_value(verdict.chi2 / verdict.variance_factor, verdict.dof, noise_dof)
-        best = replace(best, log_p_value=min(initial.log_p_value, log_ratio_chance + best.log_count))
-        return _with_alternatives(best, products, tests, noise_dof) if best.significant else best
+        score_test = best.score_test
+        noise_dof = products.noise_dof(best.indices, score_test.estimate)
+        chi2 = score_test.chi2 / score_test.variance_factor
+        log_p_value = f_log_p_value(chi2, score_test.dof, noise_dof) + _log_test_count(best.test_count)
+        best = replace(best, log_p_value=min(initial.log_p_value, log_p_value))
+        if best.log_p_value >= _LOG_SIGNIFICANCE_LEVEL:
+            return best
+        return _with_alternatives(best, products, candidates, noise_dof)
 
-    def joint_records(self, findings: list[_Test], problem: BinnedProblem) -> Iterator[ConsistencyTest]:
-        """Yield records of findings: amounts of all together, changes by each with the preceding ones."""
-        fitted, changed = self.hypotheses.fitted, self.hypotheses.problem.with_noise_of(problem)
-        for test in findings:
-            changed = changed.with_parameters(test.columns)
-            shift, root_shift = estimate_change(fitted, changed)
-            begin, end = len(changed.estimate) - test.columns.shape[1], len(changed.estimate)
-            verdict = replace(
-                test.verdict,
-                estimate=problem.estimate[begin:end],
-                shift=shift,
-                root_shift=root_shift,
-            )
-            yield self.record(replace(test, verdict=verdict))
-
-    def is_of_readmitted(self, test: _Test) -> bool:
+    def is_rejected_series(self, finding: _Candidate) -> bool:
         """Return whether a finding is a step or offset of a series whose outliers are most of it."""
         codes = {int(self.hypotheses.order.code[rows[0]]) for rows in self.hypotheses.readmitted}
-        return test.kind in ("jump", "offset") and codes >= test.links.keys()
+        return finding.hypothesis.kind in ("jump", "offset") and codes >= finding.hypothesis.links.keys()
 
     def run_key(self, rows: Rows) -> tuple[str, str]:
-        """Name and first epoch of a run, by which its record is identified."""
+        """Return name and first epoch of a run, by which its record is identified."""
         order = self.hypotheses.order
         [first_utc] = utc_strings(self.epoch_utc[rows[:1]], decimals=0)
         return order.series[order.code[rows[0]]].name, str(first_utc)
 
-    def run_is_significant(self, problem: BinnedProblem, rows: Rows) -> bool:
-        """Return whether a run of outliers is off once the findings are parameters."""
-        verdict = problem.test(self.hypotheses.run(rows).columns)
-        log_count = _log_test_count(len(self.hypotheses.readmitted))
-        return verdict is not None and verdict.log_p_value + log_count < math.log(SIGNIFICANCE_LEVEL)
+    def is_run_significant(self, problem: BinnedProblem, rows: Rows) -> bool:
+        """Return whether the offset of a run of outliers is significant once the findings are parameters."""
+        score_test = problem.test(self.hypotheses.run(rows).columns)
+        if score_test is None:
+            return False
+        return (
+            score_test.log_p_value + _log_test_count(len(self.hypotheses.readmitted))
+            < _LOG_SIGNIFICANCE_LEVEL
+        )
 
-    def record(self, test: _Test) -> ConsistencyTest:
-        """Return the record of a test."""
+    def joint_records(self, findings: list[_Candidate], problem: BinnedProblem) -> Iterator[ConsistencyTest]:
+        """Yield records of findings: amounts of all together, changes by each with the preceding ones."""
+        fitted, changed = self.hypotheses.fitted, self.hypotheses.problem.with_noise_of(problem)
+        for finding in findings:
+            begin = len(changed.estimate)
+            changed = changed.with_parameters(finding.hypothesis.columns)
+            shift, root_shift = estimate_change(fitted, changed)
+            estimate = problem.estimate[begin : len(changed.estimate)]
+            score_test = replace(finding.score_test, estimate=estimate, shift=shift, root_shift=root_shift)
+            yield self.record(replace(finding, score_test=score_test))
+
+    def record(self, candidate: _Candidate) -> ConsistencyTest:
+        """Return the record of a test, in units and with its change of the position."""
+        item, score_test = candidate.hypothesis, candidate.score_test
         shift_m = sigma_m = None
-        verdict, item = test.verdict, test.hypothesis
-        if (by_unit := self._enu_by_unit()) is not None:
-            width = by_unit.shape[1]
-            shift_m = tuple((by_unit @ verdict.shift[:width]).tolist())
-            sigma_m = tuple(np.linalg.norm(by_unit @ verdict.root_shift[:width], axis=1).tolist())
+        if self.enu_partials is not None:
+            width = self.enu_partials.shape[1]
+            shift_m = tuple((self.enu_partials @ score_test.shift[:width]).tolist())
+            root_m = self.enu_partials @ score_test.root_shift[:width]
+            sigma_m = tuple(np.linalg.norm(root_m, axis=1).tolist())
         amounts, data_values = dict[str, float](), dict[str, float]()
-        if item is not None:
-            values = verdict.estimate * item.sigmas
+        if not candidate.is_group:
+            values = score_test.estimate * item.sigmas
             amounts = dict(zip(item.components, values.tolist(), strict=True))
             if item.prior_values is not None:
                 values = item.prior_values + values
                 data_values = dict(zip(item.components, values.tolist(), strict=True))
-        first, last = self._span(test)
+        first_utc, last_utc = self.interval_utc(item)
         return ConsistencyTest(
-            test.kind,
-            test.name,
-            verdict.chi2,
-            verdict.dof,
-            min(test.log_p_value, 0.0) / math.log(10.0),
-            shift_m,
-            sigma_m,
-            amounts,
-            "" if item is None else item.unit,
-            first,
-            last,
-            test.sigmas if item is not None else None,
-            data_values,
-            tuple(map(self.record, test.alternatives)),
+            kind=item.kind,
+            name=item.name,
+            chi2=score_test.chi2,
+            dof=score_test.dof,
+            log10_p_value=min(candidate.log_p_value, 0.0) / math.log(10.0),
+            shift_enu_m=shift_m,
+            shift_sigma_enu_m=sigma_m,
+            amounts=amounts,
+            unit=item.unit,
+            first_utc=first_utc,
+            last_utc=last_utc,
+            prior_sigmas=None if candidate.is_group else candidate.sigmas,
+            data_values=data_values,
+            alternatives=tuple(map(self.record, candidate.alternatives)),
         )
 
-    def _span(self, test: _Test) -> tuple[str, str]:
-        """Return the first and last epoch, UTC, of the interval of a test; a jump is located within its bins."""
-        if test.span_s is None:
+    def interval_utc(self, hypothesis: Hypothesis) -> tuple[str, str]:
+        """Return the first and last epoch of an error, UTC; empty for the ends of the arc."""
+        if hypothesis.span_s is None:
             return "", ""
-        order, fit, (begin_s, end_s) = self.hypotheses.order, self.hypotheses.fit, test.span_s
-        rows = np.flatnonzero(fit.used & np.isin(order.code, list(test.links)))
+        order, fit, (begin_s, end_s) = self.hypotheses.order, self.hypotheses.fit, hypothesis.span_s
+        rows = np.flatnonzero(fit.used & np.isin(order.code, list(hypothesis.links)))
         rows = rows[np.argsort(order.time_s[rows], kind="stable")]
         time_s = order.time_s[rows]
-        first_row = int(np.searchsorted(time_s, begin_s))
-        width_s = self.hypotheses.problem.width_s(test.links) if test.kind == "jump" else 0.0
-        if width_s > 0.0:
-            near_rows = np.flatnonzero(np.abs(time_s - begin_s) <= 3.0 * width_s)
-            signs = np.array([test.links[code] for code in order.code[rows[near_rows]].tolist()])
-            sums = np.cumsum(signs * fit.residual_m[rows[near_rows]])
-            counts = np.arange(1, len(near_rows))
-            steps = (sums[:-1] - counts * sums[-1] / len(near_rows)) ** 2 / (
-                counts * (len(near_rows) - counts)
-            )
-            first_row = int(near_rows[1 + int(np.argmax(steps))])
-        last_row = int(np.searchsorted(time_s, end_s, side="right")) - 1
-        epochs = utc_strings(self.epoch_utc[rows[[first_row, last_row]]], decimals=0)
-        return str(epochs[0]), "" if math.isinf(end_s) else str(epochs[1])
+        first = int(np.searchsorted(time_s, begin_s))
+        last = int(np.searchsorted(time_s, end_s, side="right")) - 1
+        width_s = self.hypotheses.problem.width_s(hypothesis.links) if hypothesis.kind == "jump" else 0.0
+        if width_s > 0.0:  # locate the step within its bins
+            near = np.flatnonzero(np.abs(time_s - begin_s) <= 3.0 * width_s)
+            signs = np.array([hypothesis.links[code] for code in order.code[rows[near]].tolist()])
+            first = int(near[_step_index(signs * fit.residual_m[rows[near]])])
+        first_utc, last_utc = utc_strings(self.epoch_utc[rows[[first, last]]], decimals=0)
+        return str(first_utc), "" if math.isinf(end_s) else str(last_utc)
 
 
-def _with_alternatives(best: _Test, products: ScoreProducts, tests: list[_Test], noise_dof: float) -> _Test:
-    """Return the explanation of the smallest a-priori ratio that the data cannot exclude, with the others."""
-    possible = list[_Test]()
-    for test in tests:
-        if test.hypothesis is None:
-            continue
-        union = tuple(dict.fromkeys((*test.indices, *best.indices)))
-        union_verdict = products.test(union)
-        assert union_verdict is not None  # a part of it is determined
-        added_chi2, added_dof = union_verdict.chi2 - test.verdict.chi2, union_verdict.dof - test.verdict.dof
-        if added_dof and f_log_p_value(added_chi2, added_dof, noise_dof) < _LOG_ALTERNATIVE_LEVEL:
-            continue
-        possible.append(test)
-    possible.sort(key=lambda test: (len(test.indices), test.sigmas))
-    distinct = dict[tuple[str, Span], _Test]()
-    for test in possible:  # a vector and its components share a name: the simplest one stays
-        distinct.setdefault((test.name, test.span_s), test)
-    causes = [test for test in distinct.values() if not _is_named_otherwise(test, products, possible)]
+def _step_index(values: Floats) -> int:
+    """Return the index of the first value after the step that fits values (n,) best."""
+    n, sums, counts = len(values), np.cumsum(values), np.arange(1, len(values))
+    chi2 = (sums[:-1] - counts * sums[-1] / n) ** 2 / (counts * (n - counts))
+    return 1 + int(np.argmax(chi2))
+
+
+def _with_alternatives(
+    best: _Candidate, products: ScoreProducts, candidates: list[_Candidate], noise_dof: float
+) -> _Candidate:
+    """Return the most probable of the errors that the data cannot exclude, with the others as alternatives."""
+    possible = [
+        item for item in candidates if not item.is_group and _is_possible(item, best, products, noise_dof)
+    ]
+    possible.sort(key=lambda item: (len(item.indices), item.sigmas))
+    by_name = dict[tuple[str, Span], _Candidate]()
+    for item in possible:  # a vector and its components share a name: the simplest one stays
+        by_name.setdefault((item.hypothesis.name, item.hypothesis.span_s), item)
+    causes = [item for item in by_name.values() if not _has_specific_equivalent(item, products, possible)]
     causes.sort(key=_log_odds, reverse=True)
     if not causes:
         return best
-    first, *alternatives = causes
-    return replace(first, log_p_value=best.log_p_value, alternatives=tuple(alternatives))
+    return replace(causes[0], log_p_value=best.log_p_value, alternatives=tuple(causes[1:]))
 
 
-def _is_named_otherwise(test: _Test, products: ScoreProducts, tests: list[_Test]) -> bool:
-    """Return whether a more specific hypothesis has the same effects: a kind of error before, or of one owner."""
-    if len(test.indices) > 1:
+def _is_possible(item: _Candidate, best: _Candidate, products: ScoreProducts, noise_dof: float) -> bool:
+    """Return whether the best error is no longer significant once another one is estimated (separability)."""
+    union = products.test(tuple(dict.fromkeys((*item.indices, *best.indices))))
+    assert union is not None  # a part of it is determined
+    chi2, dof = union.chi2 - item.score_test.chi2, union.dof - item.score_test.dof
+    return not dof or f_log_p_value(chi2, dof, noise_dof) >= _LOG_SEPARABILITY_LEVEL
+
+
+def _has_specific_equivalent(
+    candidate: _Candidate, products: ScoreProducts, candidates: list[_Candidate]
+) -> bool:
+    """Return whether a more specific hypothesis has the same effects: a preceding kind of error, or of one owner."""
+    if len(candidate.indices) > 1:
         return False
-    [k] = test.indices
-    rank, owner = _KINDS.index(test.kind), test.name.partition(".")[2]
+    [column] = candidate.indices
+    hypothesis = candidate.hypothesis
+    rank, owner = _KINDS.index(hypothesis.kind), hypothesis.name.partition(".")[2]
     specific = []
-    for item in tests:
-        same_owner = item.kind == test.kind == "parameter" and item.name.partition(".")[2] == owner
-        precedes = _KINDS.index(item.kind) < rank or (same_owner and item.indices < test.indices)
-        precedes |= owner == ALL and not item.name.endswith(ALL)
+    for item in candidates:
+        kind, other_owner = item.hypothesis.kind, item.hypothesis.name.partition(".")[2]
+        same_owner = kind == hypothesis.kind == "parameter" and other_owner == owner
+        precedes = _KINDS.index(kind) < rank or (same_owner and item.indices < candidate.indices)
+        precedes |= owner == ALL and not item.hypothesis.name.endswith(ALL)
         if len(item.indices) == 1 and precedes:
             specific.append(item.indices[0])
-    squares = products.information([k], specific)[0] ** 2
-    limits = _MIN_SAME_EFFECT * products.variances([k]) * products.variances(specific)
+    squares = products.information([column], specific)[0] ** 2
+    limits = _MIN_SQUARED_CORRELATION * products.variances([column]) * products.variances(specific)
     return bool((squares > limits).any())
 
 
-def _log_odds(test: _Test) -> float:
-    """Logarithm of the odds of a cause: its likelihood times the prior density of its amount, over one sigma.
+def _log_odds(candidate: _Candidate) -> float:
+    """Logarithm of the odds of an error: its likelihood times the prior density of its amount, over one sigma.
 
     Errors of published models, which have no blunders, are normal. The size of a gross error is unknown, so that its
     prior density is that of a scale, 1 / amount (Jeffreys 1946).
     """
-    if test.hypothesis is not None and test.hypothesis.is_of_published_model:
-        return 0.5 * (test.verdict.chi2 - test.sigmas**2)
-    return 0.5 * test.verdict.chi2 - test.verdict.dof * math.log(max(test.sigmas, 1.0))
+    score_test = candidate.score_test
+    if candidate.hypothesis.is_of_published_model:
+        return 0.5 * (score_test.chi2 - candidate.sigmas**2)
+    return 0.5 * score_test.chi2 - score_test.dof * math.log(max(candidate.sigmas, 1.0))
 
 
-def _log_chance(test: _Test) -> float:
-    return test.log_p_value
+def _candidate(
+    hypothesis: Hypothesis, score_test: ScoreTest, test_count: int, indices: tuple[int, ...] = ()
+) -> _Candidate:
+    """Correct the p-value of a test for the number of tests."""
+    log_p_value = score_test.log_p_value + _log_test_count(test_count)
+    return _Candidate(hypothesis, score_test, test_count, log_p_value, indices)
 
 
-def _log_test_count(count: int) -> float:
+def _log_test_count(family_count: int) -> float:
     """Logarithm of the number of tests: of a family, of all families, with the noise before and after."""
-    return math.log(2 * len(Family) * max(count, 1))
+    return math.log(2 * len(Family) * max(family_count, 1))

@@ -39,7 +39,7 @@ larger to be found than with known parameters, 150 times its a-priori sigma or m
 class Reliability:
     """Minimal detectable bias of a hypothesis, and its largest effect on the position."""
 
-    kind: str  # as of :class:`~radioloc.estimation.consistency.ConsistencyTest`
+    kind: str  # as of :class:`~radioloc.estimation.consistency_results.ConsistencyTest`
     name: str
     components: tuple[str, ...]
     unit: str

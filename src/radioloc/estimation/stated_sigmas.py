@@ -17,7 +17,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from radioloc.estimation.consistency import ConsistencyTest
+from radioloc.estimation.consistency_results import ConsistencyTest
 from radioloc.estimation.editing import EditedFit
 from radioloc.estimation.group_tests import chi2_log_p_value
 from radioloc.estimation.noise_structure import MIN_DIFFERENCES, Differences

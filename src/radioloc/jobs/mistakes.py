@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from radioloc.constants import SECONDS_PER_DAY
 from radioloc.errors import ConvergenceError, InputError, RadiolocError
-from radioloc.estimation.consistency import SIGNIFICANCE_LEVEL, ConsistencyTest
+from radioloc.estimation.consistency_results import SIGNIFICANCE_LEVEL, ConsistencyTest
 from radioloc.estimation.editing import EditedFit
 from radioloc.estimation.status import FitStatus
 from radioloc.jobs.problem import EstimationProblem

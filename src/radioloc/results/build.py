@@ -13,7 +13,8 @@ from numpy.typing import ArrayLike, NDArray
 from radioloc.estimation.adaptation import MAX_SHIFT_SIGMAS, AdaptedEstimate
 from radioloc.estimation.combination import ReferenceComparison
 from radioloc.estimation.consider import UNMODELLED_ERROR, Consider, ConsideredErrors, reported
-from radioloc.estimation.consistency import ConsistencyTest, assess_consistency, rejected_runs
+from radioloc.estimation.consistency import assess_consistency, rejected_runs
+from radioloc.estimation.consistency_results import ConsistencyTest
 from radioloc.estimation.editing import EditedFit, outlier_runs, run_reasons, with_reasons
 from radioloc.estimation.hypotheses import Hypotheses
 from radioloc.estimation.observability import assess_observability

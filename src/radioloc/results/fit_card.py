@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.constants import SECONDS_PER_DAY
-from radioloc.estimation.consistency import ConsistencyTest
+from radioloc.estimation.consistency_results import ConsistencyTest
 from radioloc.estimation.hypotheses import ALL, TERM
 from radioloc.estimation.reliability import POWER, Reliability
 from radioloc.estimation.statistics import Residuals, chi2_quantile

@@ -23,7 +23,7 @@ from radioloc.estimation.consider import (
     shared_prior_effects,
     span_record,
 )
-from radioloc.estimation.consistency import Consistency
+from radioloc.estimation.consistency_results import Consistency
 from radioloc.estimation.gauss_markov import SeriesWeight, TimeCorrelation
 from radioloc.estimation.observability import Observability
 from radioloc.estimation.shared_observations import residual_sample

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.estimation.combination import Agreement, PositionEstimate, agreement
-from radioloc.estimation.consistency import ConsistencyTest
+from radioloc.estimation.consistency_results import ConsistencyTest
 from radioloc.estimation.statistics import chi2_quantile, finite_or_none
 from radioloc.lunar.local import EAST_NORTH_UP
 from radioloc.lunar.position import LunarPosition

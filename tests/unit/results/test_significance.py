@@ -9,7 +9,7 @@ from toy_moon import ToyMoon, toy_solution
 from radioloc.estimation import FitStatus
 from radioloc.estimation.adaptation import AdaptedEstimate
 from radioloc.estimation.combination import Agreement
-from radioloc.estimation.consistency import Consistency, ConsistencyTest
+from radioloc.estimation.consistency_results import Consistency, ConsistencyTest
 from radioloc.results.build import compare_with, with_findings
 from radioloc.results.comparison import significant_pairs
 from radioloc.results.fit_card import inconsistent

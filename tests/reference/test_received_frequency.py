@@ -15,8 +15,7 @@ from tdm_messages import THREE_WAY, TWO_WAY, growth_m, kvn, xml
 
 from radioloc.constants import C_M_S
 from radioloc.io.tdm import TdmAgreement, tdm_observations
-from radioloc.io.tdm.kvn import parse_kvn
-from radioloc.io.tdm.xml import parse_xml
+from radioloc.io.tdm.kvn import parse_kvn, parse_xml
 
 # 1e-12 of the frequency is 0.3 mm/s, 18 mm in 60 s; what is reached is the digits of the numbers in the message.
 RELATIVE = 1e-12

@@ -13,9 +13,8 @@ from tdm_messages import growth_m, kvn, xml
 from radioloc.constants import C_M_S
 from radioloc.errors import DataQualityWarning, FileFormatError
 from radioloc.io.tdm import TdmAgreement, read_tdm, read_tdm_file, tdm_observations
-from radioloc.io.tdm.kvn import parse_kvn
+from radioloc.io.tdm.kvn import parse_kvn, parse_xml
 from radioloc.io.tdm.write import write_tdm, write_tdm_file
-from radioloc.io.tdm.xml import parse_xml
 from radioloc.time import epochs_from_strings, utc_to_tai
 
 DATA = Path(__file__).resolve().parents[1] / "data" / "tdm"

@@ -21,10 +21,6 @@ _FIT = (
     JSON,
     *output_folder(),
     flag("--terms", "with --out, also write terms.csv: contribution of each term"),
-    argument(
-        "--residuals-tdm FILE", "write the residuals as a Tracking Data Message; needs --originator", Path
-    ),
-    argument("--originator NAME", "agency that makes the message"),
 )
 
 
@@ -63,8 +59,6 @@ def _solution(options: argparse.Namespace, *, fitted: bool) -> radioloc.Solution
 
     if options.terms and options.out is None:
         options.parser.error("--terms needs --out DIR, where to write terms.csv")
-    if options.residuals_tdm is not None and options.originator is None:
-        options.parser.error("--residuals-tdm needs --originator NAME, the agency that makes the message")
     study = radioloc.read_study(options.study)
     arc, left_out = prepared_arc(study)
     solution = fit_arc(study, arc, left_out, study.estimate if fitted else None)
@@ -73,11 +67,6 @@ def _solution(options: argparse.Namespace, *, fitted: bool) -> radioloc.Solution
         dem = prior.terrain if fitted and isinstance(prior, TerrainPrior) else None
         terms = arc if options.terms else None
         radioloc.write_report(options.out, solution, terms, html=options.report, dem=dem)
-    if options.residuals_tdm is not None:
-        from radioloc.io.ccsds import write_residuals_tdm
-
-        agency = options.originator
-        write_residuals_tdm(options.residuals_tdm, solution, arc.observations, originator=agency)
     tell(options, solution, solution.to_dict)
     return solution
 

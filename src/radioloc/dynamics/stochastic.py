@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.dynamics.forces import Acceleration
+from radioloc.dynamics.gravity_errors import Perturbations
 from radioloc.dynamics.orbit import Orbit
-from radioloc.dynamics.perturbations import Perturbations
 from radioloc.time import Epochs
 from radioloc.vectors import Floats, rtn_axes
 

@@ -20,7 +20,6 @@ import numpy as np
 from radioloc.errors import FileFormatError, InputError, RadiolocError
 from radioloc.lazy import optional
 from radioloc.lunar.grey_images import Image, Mask, eight_bit, open_grey
-from radioloc.lunar.map_files import open_dataset, refuse_cut_map
 from radioloc.lunar.map_grid import load_rasterio
 from radioloc.text_files import require_file
 
@@ -76,8 +75,6 @@ def _grey_bands(path: Path) -> Any:
 
     require_file(path)
     try:
-        with open_dataset(path) as dataset:
-            refuse_cut_map(path, dataset)
         with open_grey(path) as dataset:
             if dataset.width * dataset.height > _MAX_IMAGE_PIXELS:
                 raise FileFormatError(

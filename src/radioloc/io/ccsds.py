@@ -1,13 +1,12 @@
-"""Messages of the CCSDS: ephemerides of landers and orbits, orbit parameters, residuals as tracking data.
+"""Messages of the CCSDS: ephemerides of landers and orbits, orbit parameters.
 
-Sources: CCSDS 502.0-B-2 (2009), chapters 3, 5 and 7, which issue 3 (2023) still allows, and 503.0-B-2.
+Sources: CCSDS 502.0-B-2 (2009), chapters 3, 5 and 7, which issue 3 (2023) still allows.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,22 +17,17 @@ from radioloc.dynamics import Orbit
 from radioloc.ephemeris import CONSTANTS, LunarOrientation
 from radioloc.errors import InputError
 from radioloc.io.spice_kernels import M_PER_KM, orbit_parts, states_km
-from radioloc.io.tdm.message import WEATHER, TdmFile, TdmHeader
-from radioloc.io.tdm.write import creation_date_now, to_tdm, write_tdm_file
+from radioloc.io.tdm.write import creation_date_now
 from radioloc.lunar import east_north_up, rot_icrf_to_pa, rot_pa_to_me
 from radioloc.lunar.frames import rot_icrf_to_pa_rate
-from radioloc.measurements.observations import Observations
 from radioloc.quantities import accepts_quantities
-from radioloc.results.solution import Solution
 from radioloc.results.tables import SolutionLike, position_of, solution_content
-from radioloc.text_files import to_ascii, write_text
+from radioloc.text_files import write_text
 from radioloc.time import Epochs, epochs_from_strings, to_scale, utc_strings
 from radioloc.vectors import Floats
 
 _MAX_STEP_S = 86400.0  # Polynomials of degree 7 through states a day apart are off by 0.1 mm
 _POINT_DEGREE, _ORBIT_DEGREE = 7, 11  # of the Hermite polynomials between states
-_MAX_COMMENT_NAME = 80  # characters of a solution's name
-_RESIDUALS = "the values are residuals, observed minus computed, not observations"
 
 
 @accepts_quantities
@@ -119,43 +113,6 @@ def write_orbit_opm(
             | {f"MAN_DV_{k}": f"{dv / M_PER_KM:.12f}" for k, dv in enumerate(impulse.delta_v_m_s, 1)}
         )
     return _write(path, "OPM", originator, lines)
-
-
-def write_residuals_tdm(
-    path: str | Path,
-    solution: Solution,
-    observations: Observations,
-    *,
-    originator: str,
-) -> Path:
-    """Write residuals, row by row of the observations, as a Tracking Data Message in KVN.
-
-    The standard (CCSDS 503.0-B-2) lacks keywords for residuals. They have the keywords and units of the observations,
-    and comments in the header and in each segment state that they are residuals. Segments of used observations have
-    DATA_QUALITY = VALIDATED, those of rejected ones DEGRADED. Weather is left out.
-    """
-    rows = solution.residuals
-    if not (
-        len(rows) == len(observations)
-        and np.array_equal(rows.epoch_utc.jd, observations.epoch.jd)
-        and np.array_equal(rows.epoch_utc.fraction, observations.epoch.fraction)
-    ):
-        raise InputError(
-            f"{solution.name}: expected the {len(rows)} observations of the solution, got {len(observations)} others"
-        )
-    unrecorded: dict[str, Any] = dict.fromkeys([*WEATHER.values(), "modulus_m"], np.full(len(rows), np.nan))
-    lengths = np.zeros(len(rows), dtype=bool)  # also where cycles of ramps were observed
-    residuals = replace(observations, value_m=rows.residual_m, ramped=lengths, **unrecorded)
-    comment = f"{to_ascii(solution.name, _MAX_COMMENT_NAME)}: {_RESIDUALS}"
-    header = TdmHeader(creation_date_now(), originator, (comment,))
-    segments = [
-        replace(segment, metadata={**segment.metadata, "DATA_QUALITY": quality}, data_comments=(_RESIDUALS,))
-        for quality, chosen in (("VALIDATED", rows.used), ("DEGRADED", ~rows.used))
-        if chosen.any()
-        for segment in to_tdm(residuals.select(chosen), header).segments
-    ]
-    write_tdm_file(path, TdmFile(str(path), header, tuple(segments)))
-    return Path(path)
 
 
 def _write(path: str | Path, kind: str, originator: str, lines: Sequence[str]) -> Path:

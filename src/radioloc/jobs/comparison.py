@@ -29,10 +29,9 @@ from radioloc.estimation.shared_observations import SampledSeries, share_observa
 from radioloc.estimation.statistics import finite_or_none
 from radioloc.lunar.local import EAST_NORTH_UP, rot_enu_between
 from radioloc.lunar.position import LunarPosition
-from radioloc.results.comparison import Comparison
+from radioloc.results.comparison import Comparison, StateComparison, state_pair
 from radioloc.results.recorded import read_recorded
 from radioloc.results.result import Result
-from radioloc.results.state_comparison import StateComparison, state_pair
 from radioloc.results.tables import (
     GEOGRAPHIC,
     METHODS,

@@ -249,7 +249,7 @@ def _completed(fitted: _Fitted, solution: Solution, left_out: dict[str, int]) ->
         solution = mark_if_unobservable(solution)
     notes = [*coordinate_doubts(arc, problem.start, fitted.edited.fit.used, fitted.fits)]
     considered = None if solution.consider is None else solution.consider.parameters
-    notes += study_notes(study, arc, left_out, estimate, fitted.edited, solution.position_pa_m, considered)
+    notes += study_notes(study, arc, left_out, estimate, fitted.edited, considered)
     notes += problem.considered.notes
     if model.place_indices:
         notes += axes_doubts(study, solution, constants)
@@ -288,8 +288,7 @@ def _require_usable(problem: EstimationProblem, status: Labels, codes: NDArray[n
         raise InputError(
             f"no observations left: all {len(status)} are rejected: "
             f"{_reasons(status, codes, problem.arc.observations)}; "
-            "check the target's position and frame, and the stations, or look for a position by `radioloc search "
-            "STUDY.toml`"
+            "check the target's position and frame, and the stations"
         )
 
 

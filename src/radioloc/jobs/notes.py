@@ -15,11 +15,10 @@ from radioloc.earth.eop import EopTable
 from radioloc.earth.eop_prediction import orientation_errors
 from radioloc.earth.stations import Station
 from radioloc.ephemeris import EphemerisConstants
-from radioloc.errors import InputError
 from radioloc.estimation.consider import owner
 from radioloc.estimation.editing import EditedFit
 from radioloc.kernels.files import sha256_of
-from radioloc.lunar import cartesian_to_selenographic, rot_pa_to_me
+from radioloc.lunar import rot_pa_to_me
 from radioloc.measurements.chebyshev_predictor import ChebyshevPredictor
 from radioloc.measurements.light_path import PLANETS_MM
 from radioloc.measurements.observations import Observations
@@ -44,9 +43,6 @@ _EQUATOR_M_S = 465.1  # Speed of a station on the Earth's equator
 _MIN_AXES_IMPROVEMENT = (
     3.0  # Ratio of distances; principal and mean-Earth axes are about 0.8 km apart on the ground
 )
-_MIN_ROUGHNESS_RATIO = 1.5  # Ratio of sigmas from the roughness at two positions that a note reports
-# Part of the squared residuals by motion within intervals of process noise; beyond it sigmas are 1.8 times too small.
-_MAX_PROCESS_PART = 0.5
 _MAX_RELATIVE_OFFSET = 1e-4  # Relative frequency offset of a simple quartz oscillator
 _CONSIDERED_TERMS = (
     "ionosphere",
@@ -68,20 +64,16 @@ def study_notes(
     left_out: dict[str, int],
     estimate: EstimateChoice | None,
     fitted: EditedFit,
-    lander_pa_m: NDArray[np.float64],
     considered: ParameterSet | None,
 ) -> list[str]:
     """Return all notes of a result, warnings first."""
     notes = spacecraft_doubts(study, arc.observations, arc.model)
-    notes += _turned_positions(study, arc.model.ephemeris.constants)
     if weights := study.observations.weights:
         notes.append(f"sigmas changed: {'; '.join(map(str, weights))}")
     if terms := [f"{name} ({TERMS[name]})" for name in study.model.off if name not in _CONSIDERED_TERMS]:
         notes.append(f"switched off by [model] off, and not in the sigmas: {', '.join(terms)}")
     parameters = fitted.fit.parameters
     estimated = {item.kind for item in parameters if item.role is not Role.CONSIDERED}
-    if estimate is not None and isinstance(estimate.height_prior, TerrainPrior):
-        notes += _terrain_doubt(arc, estimate.height_prior, parameters, lander_pa_m)
     notes += notes_of_plan(arc, left_out, [*parameters, *(considered or ())])
     if estimate is None:
         return notes
@@ -93,32 +85,12 @@ def study_notes(
             "libration is considered, and no [estimate] ephemeris_sigma_m is given"
         )
     notes += _frequency_notes(study, fitted)
-    notes += _process_notes(arc, estimate, fitted)
     notes += [
         f'no {key} is estimated, though [estimate] asks for "all": no observation depends on it'
         for key, choice in estimate.parameters.items()
         if choice.names == "all" and key not in estimated
     ]
     return notes
-
-
-def _process_notes(arc: Predictor, estimate: EstimateChoice, fitted: EditedFit) -> Iterator[str]:
-    """Yield a note on intervals of stochastic accelerations in which the velocity varies more than Doppler allows."""
-    noise = None if estimate.orbit is None else estimate.orbit.process_noise
-    observations = arc.observations
-    counts = fitted.fit.used & (observations.count_s > 0.0)
-    if noise is None or not counts.any():
-        return
-    ways = np.array([2.0 if link.transmitter else 1.0 for link in observations.links])[observations.link]
-    rates_m_s = fitted.fit.residual_m[counts] / (observations.count_s * ways)[counts]
-    rms_m_s, within_m_s = float(np.sqrt(np.mean(rates_m_s**2))), noise.velocity_within_m_s
-    if within_m_s**2 > _MAX_PROCESS_PART * rms_m_s**2:
-        yield (
-            f"within the intervals of the stochastic accelerations, {noise.interval_s:g} s, the velocity varies by "
-            f"{1e3 * within_m_s:.2g} mm/s, and the residuals are {1e3 * rms_m_s:.2g} mm/s (rms, one way): errors are "
-            "correlated, and the sigmas of the orbit are too small. Give a shorter interval_s, and sigmas larger by "
-            "the square root of the ratio"
-        )
 
 
 def _frequency_notes(study: Study, fitted: EditedFit) -> Iterator[str]:
@@ -157,44 +129,6 @@ def notes_of_plan(arc: Predictor, left_out: dict[str, int], parameters: Iterable
 def model_limitations(arc: Predictor) -> tuple[str, ...]:
     """Return the effects that are not modelled and the sources of the model; they require no action."""
     return (*_station_notes(arc, _UNMODELLED), *_model_limitations(arc))
-
-
-def _turned_positions(study: Study, constants: EphemerisConstants) -> Iterator[str]:
-    """Yield a note for each position in the axes of another ephemeris."""
-    places = {f"[targets.{name}]" if name else "[target]": place for name, place in study.points.items()}
-    if study.reference is not None:
-        places["[reference]"] = study.reference.position
-    places |= {f"[references] {known.name}": known.position for known in study.references}
-    for table, place in places.items():
-        if place.frame not in (
-            f"PA_{constants.name}",
-            constants.me_frame,
-        ):
-            yield (
-                f"{table} is given in {place.frame} and was turned to axes of {constants.name} by the constant angles "
-                f"of {constants.me_frame}, which leave some decimetres of the difference of the librations"
-            )
-
-
-def _terrain_doubt(
-    arc: Predictor, prior: TerrainPrior, parameters: ParameterSet, lander_pa_m: NDArray[np.float64]
-) -> Iterator[str]:
-    """Warn if the terrain is rougher or smoother at the estimate than at the a-priori position of the sigma."""
-    longitude_rad, latitude_rad, _ = cartesian_to_selenographic(
-        rot_pa_to_me(arc.model.ephemeris.constants) @ lander_pa_m
-    )
-    used_m = parameters["position.height_above_terrain"].prior_sigma
-    try:
-        estimate_m = float(prior.terrain.sigma_m(longitude_rad, latitude_rad, prior.sigma_m))
-    except InputError as error:  # roughness needs more cells than a height
-        yield f"WARNING: no roughness of the terrain at the estimate: {error}"
-        return
-    if not used_m / _MIN_ROUGHNESS_RATIO < estimate_m < used_m * _MIN_ROUGHNESS_RATIO:
-        yield (
-            f"WARNING: the a-priori sigma of the height above the terrain is {used_m:.3g} m, from the roughness at "
-            f"the a-priori position; at the estimate it would be {estimate_m:.3g} m: give the estimate as [target] and "
-            "fit again"
-        )
 
 
 def axes_doubts(study: Study, solution: Solution, constants: EphemerisConstants) -> Iterator[str]:

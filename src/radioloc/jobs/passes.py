@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
+import erfa
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,9 +21,9 @@ from radioloc.measurements.exact_predictor import ExactPredictor
 from radioloc.measurements.measurement_type import Geometry
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
-from radioloc.measurements.pointing import Direction, direction
 from radioloc.measurements.predictor import reasons
 from radioloc.measurements.registry import is_one_way, kind_of
+from radioloc.measurements.station_motion import StationMotion
 from radioloc.measurements.target_motion import TargetMotion, TrajectoryMotion, as_motion
 from radioloc.quantities import DateLike, FloatLike, accepts_quantities
 from radioloc.results.predictions import LightTimes, Pass, Passes
@@ -42,6 +43,44 @@ from radioloc.time import (
     utc_to_tai,
     utc_to_tt,
 )
+from radioloc.vectors import Floats, cross, dot, normalized, rotated
+
+_SUN_DISTANCE_AU = 1.0  # for the relativistic part of aberration, below 1e-7 arcseconds
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Direction:
+    """Directions of the target from stations at n events; angles in degrees, shape (n,)."""
+
+    azimuth_deg: Floats  # from north through east, 0 to 360
+    elevation_deg: Floats  # above the plane normal to the ellipsoid's vertical
+    ra_deg: Floats  # apparent, of the true equator and equinox of date, 0 to 360
+    dec_deg: Floats
+    icrs_ra_deg: Floats  # astrometric: along the ICRF's axes without aberration
+    icrs_dec_deg: Floats
+
+
+def direction(unit_bcrs: Floats, station: StationMotion, tt: Epochs, *, sends: bool = False) -> Direction:
+    """Return directions from stations to the target, from unit vectors (BCRS) at the events."""
+    beta = station.point.velocity_m_s / C_M_S * (-1.0 if sends else 1.0)
+    apparent = np.asarray(erfa.ab(unit_bcrs, beta, _SUN_DISTANCE_AU, np.sqrt(1.0 - dot(beta, beta))))
+    up = station.up_gcrs
+    east = normalized(cross(station.pole_gcrs, up))
+    horizontal = dot(east, apparent), dot(cross(up, east), apparent)
+    ra_deg, dec_deg = _angles_deg(rotated(erfa.pnm06a(tt.jd, tt.fraction), apparent))
+    return Direction(
+        np.degrees(np.arctan2(*horizontal)) % 360.0,
+        np.degrees(np.arctan2(dot(up, apparent), np.hypot(*horizontal))),
+        ra_deg,
+        dec_deg,
+        *_angles_deg(unit_bcrs),
+    )
+
+
+def _angles_deg(unit: Floats) -> tuple[Floats, Floats]:
+    longitude_rad, latitude_rad = erfa.c2s(unit)
+    return np.degrees(longitude_rad) % 360.0, np.degrees(latitude_rad)
+
 
 _STEP_S = 60.0  # between elevations; the maximum is then determined to 0.0002 deg
 _KINDS_BY_FORM = {

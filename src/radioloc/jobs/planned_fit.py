@@ -149,11 +149,7 @@ class PlannedFit:
             else np.array(part.problem.estimate.ephemeris_sigma_m),
             0.0 if by_suboptimal is None else self._direct_effects_m(target, state, by_suboptimal),
         )
-        planned = PlannedArc(part.hours, part.span_h, count, sources, (), axes, state)
-        if state is None:
-            return planned
-        first_s, last_s = self._epochs[[0, -1]].seconds_since(state.epoch).tolist()
-        return replace(planned, tracked_h=(first_s / 3600.0, last_s / 3600.0))
+        return PlannedArc(part.hours, part.span_h, count, sources, (), axes, state)
 
     def _local_partials(self, target: int) -> Floats:
         """Return the partials of a target's position with respect to all parameters, along its axes, (q, 3, p)."""

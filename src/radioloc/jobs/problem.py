@@ -20,9 +20,8 @@ from radioloc.estimation.hypotheses import TERM
 from radioloc.estimation.linearization import ResidualFunction
 from radioloc.estimation.series import SeriesOrder, seconds_since_midnight
 from radioloc.estimation.time_correlation import fit_with_correlated_weights
-from radioloc.jobs.independent_clocks import with_independent_clocks
 from radioloc.jobs.selection import EPOCH_ROUNDING_S, since_start_s
-from radioloc.jobs.station_noise import noise_of
+from radioloc.jobs.station_noise import noise_of, with_independent_clocks
 from radioloc.jobs.study_targets import build_targets
 from radioloc.labels import Labels
 from radioloc.measurements.predictor import Predictor

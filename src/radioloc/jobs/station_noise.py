@@ -9,6 +9,7 @@ between two contiguous counts of Doppler is in both.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -21,9 +22,54 @@ from radioloc.measurements.observations import DOPPLER, VLBI_DELAY, VLBI_DELAY_R
 from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.registry import kind_of
 from radioloc.noise import ALONE, DopplerPhase, NoiseTerm, ObservationCovariance, SharedAtEpoch, White
+from radioloc.parameters.choice import ParameterChoice
+from radioloc.parameters.kind import Scope
+from radioloc.parameters.rows import networks
 from radioloc.study.observation_choice import ObservationChoice
-from radioloc.study.study import Study
+from radioloc.study.study import EstimateChoice, Study
 from radioloc.time import Epochs, utc_to_tai
+
+_CLOCK_RATE_SIGMA = 1e-11
+"""Ten times that of an unsteered hydrogen maser; a single scan per source cannot determine a rate."""
+
+
+def with_independent_clocks(study: Study, estimate: EstimateChoice, arc: Predictor) -> EstimateChoice:
+    """Return the choice with offsets of independent clocks, unless ``[consider] defaults = false``.
+
+    Held at zero, offsets of 1e-11 displace the estimate unnoticed (`tests/unit/jobs/test_independent_clocks.py`).
+    """
+    if not study.consider_defaults:
+        return estimate
+    estimated, considered = set(estimate.parameters), set(study.consider)
+    chosen = _frequency_offsets(estimated | (considered & {"frequency_offset"}), arc)
+    chosen |= _clocks(estimated | considered, arc)
+    return replace(estimate, parameters={**estimate.parameters, **chosen}) if chosen else estimate
+
+
+def _frequency_offsets(stated: set[str], arc: Predictor) -> dict[str, ParameterChoice]:
+    """Return a free offset for each link and pass of one- and three-way Doppler, unless the study states its own."""
+    if stated & {"frequency_offset", "clock_rate"}:
+        return {}
+    observations = arc.observations
+    three_way = [bool(link.transmitter) and link.transmitter != link.receiver for link in observations.links]
+    free = (observations.kind == kind_of("doppler")) & np.array(three_way)[observations.link]
+    if "target_frequency" not in stated:
+        free |= observations.kind == kind_of("one_way_doppler")
+    paths = tuple(observations.links[k].path for k in np.unique(observations.link[free]))
+    return {"frequency_offset": ParameterChoice(paths, per=Scope.LINK_AND_PASS)} if paths else {}
+
+
+def _clocks(stated: set[str], arc: Predictor) -> dict[str, ParameterChoice]:
+    """Return free offsets and rates of stations with quasar delays, but for the first of each network."""
+    of_quasars = (arc.target < 0) & (arc.observations.kind == kind_of("vlbi_delay"))
+    if stated & {"clock", "clock_rate"} or not of_quasars.any():
+        return {}
+    ends = np.stack([arc.transmitters, arc.receivers], axis=-1)[of_quasars]
+    network, stations = networks(ends, len(arc.stations)), np.unique(ends)
+    references = {network[k]: k for k in stations[::-1]}
+    names = tuple(arc.stations[k] for k in stations if references[network[k]] != k)
+    return {"clock": ParameterChoice(names), "clock_rate": ParameterChoice(names, sigma=_CLOCK_RATE_SIGMA)}
+
 
 _CONTIGUOUS = 0.01
 """Part of a count interval up to which the next count may begin earlier or later than it ends."""

@@ -135,10 +135,10 @@ def mark_if_unobservable(solution: Solution) -> Solution:
 
 
 def search_hints(study: Study, solution: Solution, away_m: float) -> Iterator[str]:
-    """Name the search that helps where an estimate cannot be used, or is far from the a-priori positions."""
-    command = f"`radioloc search {study.path or 'STUDY.toml'}`"
+    """Name what helps where an estimate cannot be used, or is far from the a-priori positions."""
     if study.orbiter is not None:
         if not solution.converged:
+            command = f"`radioloc search {study.path or 'STUDY.toml'}`"
             yield f"{command} looks for manoeuvres that the study does not state"
     elif (
         solution.trajectory is None
@@ -146,6 +146,5 @@ def search_hints(study: Study, solution: Solution, away_m: float) -> Iterator[st
         and (not solution.converged or away_m > MAX_START_DISTANCE_M)
     ):
         yield (
-            f"the fit ended {away_m / 1e3:.3g} km from the a-priori position: {command} looks for a better one "
-            "over the near side"
+            f"the fit ended {away_m / 1e3:.3g} km from the a-priori position: give a better one in [target]"
         )

@@ -1,10 +1,9 @@
-"""The Moon's axes, positions in them, selenographic coordinates, coordinate time, solid tide, terrain.
+"""The Moon's axes, positions in them, selenographic coordinates, solid tide, terrain.
 
 Axes are principal (PA) or mean-Earth (ME) ones of an ephemeris, named as ``PA_DE421`` or ``ME_DE421``; lengths are
 metres, angles radians unless a name says otherwise.
 """
 
-from radioloc.lunar.coordinate_time import tcl_minus_tdb
 from radioloc.lunar.frames import rot_icrf_to_iau_moon, rot_icrf_to_pa, rot_pa_to_me
 from radioloc.lunar.maps import Map, TangentPlane
 from radioloc.lunar.position import LunarPosition, rot_between
@@ -23,5 +22,4 @@ __all__ = [
     "rot_icrf_to_pa",
     "rot_pa_to_me",
     "selenographic_to_cartesian",
-    "tcl_minus_tdb",
 ]

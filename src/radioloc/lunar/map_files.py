@@ -7,14 +7,13 @@ from __future__ import annotations
 
 import hashlib
 import re
-import struct
 import sys
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
 
@@ -27,10 +26,6 @@ LUNAR_SPHERES_M = (1.735e6, 1.739e6)
 _BLOCK_CELLS = 512
 _DIGEST_LIMIT_BYTES = 256 * 1024 * 1024
 _LABEL_BYTES = 262144
-_TIFF_BYTES = dict(
-    zip((*range(1, 14), 16, 17, 18), (1, 1, 2, 4, 8, 1, 1, 2, 4, 8, 4, 8, 4, 8, 8, 8), strict=True)
-)
-"""Bytes of a value of each type of TIFF 6.0 and BigTIFF."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +61,7 @@ def open_map_file(path: Path, kinds: str, description: str) -> Iterator[MapFile]
     require_file(path)
     try:
         with open_dataset(path) as dataset, np.errstate(over="raise", divide="raise", invalid="raise"):
-            refuse_cut_map(path, dataset)
+            _refuse_cut_image(path, dataset)
             kind = np.dtype(dataset.dtypes[0])
             if dataset.count != 1 or f"{kind.kind}{kind.itemsize}" not in kinds.split():
                 raise FileFormatError(
@@ -125,67 +120,17 @@ def new_geotiff(
     return load_rasterio().open(path, "w", driver="GTiff", compress="deflate", predictor=predictor, **profile)
 
 
-def refuse_cut_map(path: Path, dataset: Any) -> None:
-    """Refuse a truncated map, which GDAL reads without its scale or with zeros in place of missing cells."""
+def _refuse_cut_image(path: Path, dataset: Any) -> None:
+    """Refuse a truncated raw image, of which GDAL reads zeros in place of missing cells."""
+    if dataset.driver != "ENVI":
+        return
     with path.open("rb") as stream:
-        if dataset.driver == "GTiff":
-            needed = _tiff_bytes(stream)
-        elif dataset.driver == "ENVI" and stream.read(2) != b"\x1f\x8b":
-            cells = dataset.width * dataset.height * np.dtype(dataset.dtypes[0]).itemsize
-            needed = cells + int(dataset.tags(ns="ENVI").get("header_offset", 0))
-        elif dataset.driver == "PNG":
-            needed = _png_bytes(stream)
-        else:
+        if stream.read(2) == b"\x1f\x8b":  # compressed
             return
-    held = path.stat().st_size
+    cells = dataset.width * dataset.height * np.dtype(dataset.dtypes[0]).itemsize
+    needed, held = cells + int(dataset.tags(ns="ENVI").get("header_offset", 0)), path.stat().st_size
     if held < needed:
-        raise FileFormatError(
-            path, f"was cut: it has {held} bytes of at least {needed} that it announces; fetch it again"
-        )
-
-
-def _tiff_bytes(stream: BinaryIO) -> int:
-    """Return the minimum length of a TIFF file from its tags; GDAL ignores tags that are lost (scale, unit)."""
-    order = {b"II": "<", b"MM": ">"}.get(stream.read(2), "<")
-    big = _numbers(stream, order + "H") == (43,)
-    if big:
-        stream.seek(8)
-    count_format, entry_format, offset_format = ("Q", "HHQ", "Q") if big else ("H", "HHI", "I")
-    needed, directories = 0, set[int]()
-    (directory,) = _numbers(stream, order + offset_format) or (0,)
-    while directory and directory not in directories:
-        directories.add(directory)
-        stream.seek(directory)
-        (count,) = _numbers(stream, order + count_format) or (0,)
-        for _ in range(count):
-            entry = _numbers(stream, order + entry_format)
-            place = _numbers(stream, order + offset_format)
-            if not entry or not place:
-                return max(needed, stream.tell() + 1)
-            length = _TIFF_BYTES.get(entry[1], 1) * entry[2]
-            if length > struct.calcsize(offset_format):
-                needed = max(needed, place[0] + length)
-        (directory,) = _numbers(stream, order + offset_format) or (0,)
-    return needed
-
-
-def _png_bytes(stream: BinaryIO) -> int:
-    """Length of a complete PNG file, to the end of its chunk IEND."""
-    place, kind = 8, b""
-    while kind != b"IEND":
-        stream.seek(place)
-        (length,) = _numbers(stream, ">I") or (0,)
-        kind = stream.read(4)
-        place += 12 + length
-        if len(kind) < 4:
-            break
-    return place
-
-
-def _numbers(stream: BinaryIO, form: str) -> tuple[int, ...]:
-    """Next numbers of a file, none where it ends."""
-    content = stream.read(struct.calcsize(form))
-    return struct.unpack(form, content) if len(content) == struct.calcsize(form) else ()
+        raise FileFormatError(path, f"was cut: expected at least {needed} bytes, got {held}; fetch it again")
 
 
 def _label(path: Path, driver: str) -> str:

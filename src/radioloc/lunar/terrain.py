@@ -19,8 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from radioloc import vectors
 from radioloc.constants import LUNAR_HEIGHT_LIMITS_M, MEAN_LUNAR_RADIUS_M
 from radioloc.errors import InputError
-from radioloc.lunar.interpolation import STENCIL_CELLS, Stencil
-from radioloc.lunar.map_grid import MapGrid
+from radioloc.lunar.map_grid import STENCIL_CELLS, MapGrid, Stencil
 from radioloc.lunar.selenographic import (
     cartesian_to_selenographic,
     checked,

@@ -11,7 +11,6 @@ from radioloc.report.map_figures import plot_map
 from radioloc.report.page import write_html
 from radioloc.report.position_figures import plot_position
 from radioloc.report.residual_figures import plot_links, plot_residuals, plot_terms
-from radioloc.report.station_figures import plot_visibility
 
 __all__ = [
     "FIGURES",
@@ -22,7 +21,6 @@ __all__ = [
     "plot_position",
     "plot_residuals",
     "plot_terms",
-    "plot_visibility",
     "save_figure",
     "write_html",
     "write_report",

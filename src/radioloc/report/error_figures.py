@@ -31,8 +31,6 @@ from radioloc.results.covariance import CovarianceStudy, PlannedArc
 from radioloc.results.monte_carlo import MonteCarlo
 from radioloc.results.names import parameter_name, source_name
 from radioloc.results.solution import Level, Solution
-from radioloc.targets.orbit_state import RTN
-from radioloc.time import utc_strings
 from radioloc.vectors import Floats
 
 if TYPE_CHECKING:
@@ -40,8 +38,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _MAX_PANELS = 12
-_EPOCH_COUNT, _MAX_LINES = 600, 4
-"""Epochs of an orbit in a figure, and lengths of its tracking, the longest."""
 _MAX_CORRELATED = 40
 _MAX_NUMBERED = 12  # parameters, with numbers in the cells of the matrix
 _MAX_SOURCES = 9
@@ -176,31 +172,6 @@ def plot_trials(study: MonteCarlo, ax: Axes | None = None) -> Figure:
     return figure.figure
 
 
-@draws_names_literally
-def plot_error_by_length(study: MonteCarlo, ax: Axes | None = None) -> Figure:
-    """Draw errors and claimed sigmas by arc length, those of an orbit at the end of the arc."""
-    last = {arc.hours: arc for arc in study.arcs if arc is not None}
-    arcs = sorted(last.values(), key=lambda arc: arc.hours)
-    if not arcs:
-        raise NothingToDrawError(f"{study.name}: expected converged trials")
-    length = [arc.hours for arc in arcs]
-    rms_m, sigma_m = np.array([arc.rms_m for arc in arcs]), np.array([arc.sigma_m for arc in arcs])
-    radius_m = np.array([arc.radius_95_m for arc in arcs])
-    factor, unit = length_unit(float(max(rms_m.max(), sigma_m.max(), radius_m.max())))
-    axes = one_panel(ax, 6.2, 4.6, f"{study.name}: {study.trials} trials")
-    style_axes(axes)
-    for k, name in enumerate(study.sides):
-        axes.plot(length, factor * rms_m[:, k], "o-", color=COLORS[k], markersize=4, label=f"{name}, rms")
-        axes.plot(length, factor * sigma_m[:, k], "--", color=COLORS[k], lw=1.0, label=f"{name}, claimed")
-    axes.plot(length, factor * radius_m, "s-", color=COLORS[6], markersize=4, label="horizontal, 95 %")
-    log_scale(axes)
-    axes.set_xlabel("length of the arc (h)")
-    axes.set_ylabel(f"error of the position ({unit})")
-    axes.set_xticks(length, [f"{h:g}" for h in length])
-    legend_below(axes, ax, 4)
-    return axes.figure.figure
-
-
 def _reach_m(error_m: Floats, claimed_m2: Floats) -> float:
     """Return half the width of a square that contains the ellipse and nearly all trials."""
     quantile_m = float(np.quantile(np.abs(error_m), 0.998, axis=0).max())
@@ -256,32 +227,3 @@ def _draw_sources(axes: Axes, arcs: Sequence[PlannedArc]) -> None:
     axes.set_ylabel("horizontal 1 sigma by source (m)")
     axes.set_xlabel("hours from the start")
     axes.set_ylim(bottom=bottom_m, top=2.0 * max(first_m, last_m))
-
-
-@draws_names_literally
-def plot_covariance_on_arc(study: CovarianceStudy, ax: Axes | None = None) -> Figure:
-    """Draw the sigmas of an orbit over the plan, radial, along and across, for the longest arcs."""
-    # Thick lines are the tracked part of the orbit, thin ones its prediction.
-    states = [(arc, arc.state) for arc in study.arcs if arc.state is not None]
-    if not states:
-        raise NothingToDrawError(f"{study.name}: expected a length that determines an orbit")
-    figure = several_panels(ax, 8.0, 7.5, study.name)
-    panels = figure.subplots(3, 1, sharex=True)
-    last = states[-1][1].orbit
-    tdb = last.times(_EPOCH_COUNT)
-    hours = np.linspace(*last.span_s, _EPOCH_COUNT) / 3600.0
-    for k, (arc, state) in enumerate(states[-_MAX_LINES:]):
-        sigma_m = state.sigma_rtn_m(tdb)
-        for axes, of_axis_m in zip(panels, sigma_m.T, strict=True):
-            axes.plot(hours, of_axis_m, color=COLORS[k], linewidth=0.7, alpha=0.7)
-            first_h, last_h = arc.tracked_h
-            tracked = np.where((hours >= first_h) & (hours <= last_h), of_axis_m, np.nan)
-            axes.plot(hours, tracked, color=COLORS[k], linewidth=1.8, label=f"{arc.hours:g} h")
-    for axes, name in zip(panels, RTN, strict=True):
-        axes.set_ylabel(f"1 sigma {name}, m")
-        axes.set_xlim(hours[0], hours[-1])
-        log_scale(axes)
-        style_axes(axes)
-    panels[-1].set_xlabel(f"hours from {utc_strings(last.epoch, 0)[0]} TDB")
-    legend_outside(figure, panels[:1], 8, title="tracked for")
-    return figure.figure

@@ -12,14 +12,12 @@ from radioloc.report.error_figures import (
     plot_budget,
     plot_correlations,
     plot_covariance,
-    plot_covariance_on_arc,
-    plot_error_by_length,
     plot_trials,
 )
 from radioloc.report.figures import NothingToDrawError
 from radioloc.report.map_figures import plot_accuracy_map, plot_map
 from radioloc.report.position_figures import plot_arcs, plot_comparison, plot_position
-from radioloc.report.residual_figures import plot_distribution, plot_links, plot_residuals
+from radioloc.report.residual_figures import plot_links, plot_residuals
 from radioloc.results.cards import BUDGET, OBSERVABILITY, POSITION, RESIDUALS, RESULT
 from radioloc.results.registry import result_type
 from radioloc.results.result import Result
@@ -86,8 +84,8 @@ def plot(result: Result, name: str, ax: Axes | None = None) -> Figure:
     --------
     >>> import radioloc
     >>> solution = radioloc.locate(radioloc.read_study("examples/apollo15/apollo15.toml"))
-    >>> radioloc.report.plot(solution, "distribution").axes[0].get_xlabel()
-    'elevation (deg)'
+    >>> radioloc.report.plot(solution, "budget").axes[0].get_xlabel()
+    '1 sigma (m); beside the bars: 3D'
     """
     declared = {figure_type.stem: figure_type for figure_type in available_figures(result)}
     if name not in declared:
@@ -127,12 +125,6 @@ FIGURES = Registry(
             "residuals of the longest arc over time, by link",
             RESIDUALS,
         ),
-        FigureType(
-            "distribution",
-            plot_distribution,
-            "residuals over their sigmas against elevation, and their histogram",
-            RESIDUALS,
-        ),
         # Drawn by `write_report(terms_by=...)`: a solution has no terms.
         FigureType("terms", lambda _, ax=None: None, "what each term of the model adds over time", RESIDUALS),
         FigureType(
@@ -168,17 +160,11 @@ FIGURES = Registry(
         FigureType(
             "trials", plot_trials, "horizontal errors of the trials, with claimed and found ellipses of 95 %"
         ),
-        FigureType("error_by_length", plot_error_by_length, "errors and claimed sigmas by length of the arc"),
         FigureType("covariance", plot_covariance, "sigmas by length of the arc, and what they are made of"),
         FigureType(
             "accuracy_map",
             plot_accuracy_map,
             "95 % radius of the position over landing sites, with the lunar graticule",
-        ),
-        FigureType(
-            "covariance_on_arc",
-            plot_covariance_on_arc,
-            "sigmas of the orbit over the plan, radial, along and across, by length of the arc",
         ),
     ),
 )

@@ -61,7 +61,6 @@ class PlannedArc:
     missing: tuple[str, ...]  # undetermined quantities in words
     axes: tuple[str, ...] = EAST_NORTH_UP  # or along, across, radial of an orbit: means over the arc
     state: OrbitState | None = None  # of an orbit that is determined
-    tracked_h: tuple[float, float] = (math.nan, math.nan)  # first and last epoch from the state's epoch
 
     @property
     def determined(self) -> bool:

@@ -5,13 +5,12 @@ from __future__ import annotations
 from radioloc.errors import InputError
 from radioloc.plugins import Registry
 from radioloc.results.accuracy_map import AccuracyMap
-from radioloc.results.comparison import Comparison
+from radioloc.results.comparison import Comparison, StateComparison
 from radioloc.results.covariance import CovarianceStudy
 from radioloc.results.monte_carlo import MonteCarlo
 from radioloc.results.result import Result, ResultType
 from radioloc.results.scores import Scores
 from radioloc.results.solution import ORBIT_FILES, Solution
-from radioloc.results.state_comparison import StateComparison
 from radioloc.results.subsets import ArcStudy, LeaveOneOut
 from radioloc.results.tables import POSITION_FILES
 
@@ -22,7 +21,7 @@ RESULTS = Registry(
         ResultType(
             "solution",
             Solution,
-            ("residuals", "position", "correlations", "distribution", "budget", "terms", "map"),
+            ("residuals", "position", "correlations", "budget", "terms", "map"),
             (
                 "solution.json",
                 "residuals.csv",
@@ -43,13 +42,13 @@ RESULTS = Registry(
         ResultType(
             "monte_carlo",
             MonteCarlo,
-            ("trials", "error_by_length"),
+            ("trials",),
             ("montecarlo.json", "trials.csv", "trials_[0-9]*.csv"),
         ),
         ResultType(
             "covariance",
             CovarianceStudy,
-            ("covariance", "covariance_on_arc"),
+            ("covariance",),
             ("covariance.json", "covariance.csv", "covariance_[0-9]*.csv"),
         ),
         ResultType(

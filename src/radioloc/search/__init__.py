@@ -1,4 +1,4 @@
-"""Searches that complete a study: first orbits, transmitters, positions on the near side, undocumented manoeuvres."""
+"""Searches that complete a study: first orbits, transmitters, undocumented manoeuvres."""
 
 from typing import TYPE_CHECKING
 

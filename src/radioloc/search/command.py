@@ -17,9 +17,8 @@ from radioloc.cli.output import exit_status, tell
     examples=("study.toml --out completed.toml",),
 )
 def search(options: argparse.Namespace) -> int:
-    """Find the first orbit, transmitters, a-priori position or manoeuvres that a study does not state."""
-    from radioloc.search.completed_file import require_beside
-    from radioloc.search.study_search import search
+    """Find the first orbit, transmitters or manoeuvres that a study does not state."""
+    from radioloc.search.study_search import require_beside, search
     from radioloc.study.study_file import read_study
 
     study = read_study(options.study)

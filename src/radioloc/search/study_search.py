@@ -1,61 +1,99 @@
 """Completion of a study from its observations; the completed study is then located without a search.
 
-The searches, in this order: a first orbit near a rough one, the transmitters of passes among candidates, a better
-a-priori position on the near side, and undocumented manoeuvres.
+The searches, in this order: a first orbit near a rough one, the transmitters of passes among candidates, and
+undocumented manoeuvres.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+import tomllib
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 from radioloc.dynamics import Impulse
-from radioloc.jobs.independent_clocks import with_independent_clocks
+from radioloc.errors import InputError
 from radioloc.jobs.one_thread import on_one_blas_thread
 from radioloc.jobs.orbit_start import StagedStart
 from radioloc.jobs.preparation import build_model, chosen_observations, prepared_arc
 from radioloc.jobs.problem import EstimationProblem
-from radioloc.jobs.study_targets import targets_in_pa
 from radioloc.jobs.usability import usability
 from radioloc.labels import USED
-from radioloc.lunar.position import LunarPosition
-from radioloc.measurements.link import canonical_target
+from radioloc.lazy import optional
 from radioloc.measurements.observations import Observations
 from radioloc.results.cards import Card, Field, table
 from radioloc.results.result import Result
-from radioloc.search.completed_file import Change, completed_text, require_beside
 from radioloc.search.first_orbit import Candidate, first_orbits, is_ambiguous
 from radioloc.search.manoeuvres import Manoeuvre, find_manoeuvres
-from radioloc.search.near_side import improved_positions
 from radioloc.search.transmitters import TransmitterPass, compared_transmitters
+from radioloc.study.observation_choice import Uplink
 from radioloc.study.orbiter import Orbiter
 from radioloc.study.study import Study
 from radioloc.study.study_file import as_study
-from radioloc.study.uplinks import Uplink
 from radioloc.time import utc_strings
 
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """Change of one table of a study file."""
+
+    table: tuple[str, ...]  # its name in parts
+    values: Mapping[str, Any]  # keys that are set
+    removed: tuple[str, ...] = ()  # keys that are removed
+    added: Mapping[str, Sequence[Mapping[str, Any]]] = field(default_factory=dict)  # to arrays of tables
+
+    def apply(self, content: Any) -> None:
+        """Change a document, which is a mapping of mappings."""
+        for name in self.table:
+            if name not in content:
+                content[name] = {}
+            content = content[name]
+        for key in self.removed:
+            content.pop(key, None)
+        for key, value in self.values.items():
+            content[key] = value
+        for key, tables in self.added.items():
+            content[key] = [*content.get(key, ()), *map(dict, tables)]
+
+
+def require_beside(path: Path, study: Study) -> Path:
+    """Return the file of a study; InputError unless a completed study can be written beside it."""
+    source = study.path
+    if source is None:
+        raise InputError(
+            f"{path}: expected a study from a file, got one from Python; use the `study` of the result"
+        )
+    if path.absolute().parent.resolve() != source.absolute().parent.resolve():
+        raise InputError(
+            f"{path}: expected a file in the folder of {source}, to which paths in the study are relative"
+        )
+    _tomlkit()
+    return source
+
+
+def _tomlkit() -> ModuleType:
+    return optional("tomlkit", "completed studies are written by TOML Kit, which is not installed;", "search")
+
+
+def completed_text(source: Path, changes: Iterable[Change]) -> str:
+    """Return the text of a study file with some changes; InputError if it cannot be edited."""
+    tomlkit = _tomlkit()
+    text = source.read_text(encoding="utf-8-sig")
+    document, expected = tomlkit.parse(text), tomllib.loads(text)
+    for change in changes:
+        change.apply(document)
+        change.apply(expected)
+    completed = str(tomlkit.dumps(document))
+    if tomllib.loads(completed) != expected:
+        raise InputError(
+            f"{source}: expected tables that can be edited, got others; enter by hand: {expected}"
+        )
+    return completed
+
+
 _MAX_PASSES = 12  # passes on a card; ``to_dict`` has all
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class NearSidePosition:
-    """Position on the near side with a better fit than the a-priori one."""
-
-    target: str  # empty for a single target without name
-    position: LunarPosition  # mean-Earth axes
-    away_m: float  # from the a-priori position
-
-    def keys(self) -> dict[str, Any]:
-        """Return the keys of the target in a study file."""
-        longitude_deg, latitude_deg, height_m = self.position.selenographic
-        return {
-            "frame": self.position.frame,
-            "longitude_deg": round(longitude_deg, 6),
-            "latitude_deg": round(latitude_deg, 6),
-            "height_m": round(height_m, 1),
-        }
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,7 +103,6 @@ class SearchResult(Result):
     study: Study  # completed
     orbits: tuple[Candidate, ...] = ()  # first orbits, the best first; the study has the best
     transmitters: tuple[TransmitterPass, ...] = ()  # candidates of each pass
-    apriori_positions: tuple[NearSidePosition, ...] = ()
     manoeuvres: tuple[Manoeuvre, ...] = ()
     changes: tuple[Change, ...] = ()  # of the study file
 
@@ -99,7 +136,6 @@ class SearchResult(Result):
         yield Field("status", [status])
         yield Field("orbit", self._orbit_lines())
         yield _transmitter_table(self.transmitters)
-        yield Field("position", map(_position_line, self.apriori_positions))
         yield Field("manoeuvre", map(str, self.manoeuvres))
 
     def _orbit_lines(self) -> Iterator[str]:
@@ -116,16 +152,13 @@ class SearchResult(Result):
             "decided": self.is_usable,
             "orbits": [item.to_dict() for item in self.orbits],
             "transmitters": [item.to_dict() for item in self.transmitters],
-            "apriori_positions": [
-                {"target": p.target, **p.keys(), "away_m": p.away_m} for p in self.apriori_positions
-            ],
             "manoeuvres": [item.to_dict() for item in self.manoeuvres],
         }
 
 
 @on_one_blas_thread()
 def search(study: Study | str | Path, observations: Observations | None = None) -> SearchResult:
-    """Find the first orbit, transmitters, a-priori position and manoeuvres that a study does not state.
+    """Find the first orbit, transmitters and manoeuvres that a study does not state.
 
     Parameters and errors as :func:`radioloc.locate`, which fits ``search(study).study``.
 
@@ -142,10 +175,8 @@ def search(study: Study | str | Path, observations: Observations | None = None) 
     if plain != original.observations:
         result = _with_transmitters(result, original, observations)
         result = _with_first_orbit(result, original, observations)  # with the true transmitters
-    if original.orbiter is None or original.targets:
-        return _with_positions(result, observations)
-    orbit = original.estimate.orbit
-    if not original.lands and (orbit is None or orbit.process_noise is None):
+    orbit, is_single = original.estimate.orbit, original.orbiter is not None and not original.targets
+    if is_single and not original.lands and (orbit is None or orbit.process_noise is None):
         # Stochastic accelerations absorb manoeuvres.
         return _with_manoeuvres(result, observations)
     return result
@@ -178,33 +209,6 @@ def _with_transmitters(
     choice = result.study.observations
     study = replace(result.study, observations=replace(choice, uplinks=(*choice.uplinks, *uplinks)))
     return replace(result, study=study, transmitters=tuple(passes), changes=(*result.changes, change))
-
-
-def _with_positions(result: SearchResult, observations: Observations | None) -> SearchResult:
-    study = result.study
-    arc, _ = prepared_arc(study, observations)
-    constants = arc.model.ephemeris.constants
-    estimate = with_independent_clocks(study, study.estimate, arc)
-    better = improved_positions(arc, targets_in_pa(study, arc.model), estimate)
-    names = {canonical_target(name): name for name in study.targets} or {"": ""}
-    positions = {
-        names[name]: NearSidePosition(names[name], place.to_axes("ME", constants), away_m)
-        for name, (place, away_m) in better.items()
-    }
-    if not positions:
-        return result
-    if study.targets:
-        targets = {**study.targets, **{name: item.position for name, item in positions.items()}}
-        study = replace(study, targets=targets, target=next(iter(targets.values())))
-    else:
-        study = replace(study, target=positions[""].position)
-    changes = [
-        Change(("targets", name) if name else ("target",), item.keys(), ("position_m",))
-        for name, item in positions.items()
-    ]
-    return replace(
-        result, study=study, apriori_positions=tuple(positions.values()), changes=(*result.changes, *changes)
-    )
 
 
 def _with_manoeuvres(result: SearchResult, observations: Observations | None) -> SearchResult:
@@ -248,15 +252,6 @@ def _impulse_keys(impulse: Impulse) -> Mapping[str, Any]:
         "epoch": str(utc_strings(impulse.epoch, 3)[0]),
         "delta_v_m_s": list(impulse.delta_v_m_s),
     }
-
-
-def _position_line(item: NearSidePosition) -> str:
-    longitude_deg, latitude_deg, _ = item.position.selenographic
-    target = f"{item.target}: " if item.target else ""
-    return (
-        f"{target}{longitude_deg:.2f} deg east, {latitude_deg:.2f} deg north fits better than the a-priori "
-        f"position, {item.away_m / 1e3:.0f} km away"
-    )
 
 
 def _transmitter_table(passes: Sequence[TransmitterPass]) -> Field:

@@ -21,8 +21,8 @@ from radioloc.measurements.evaluation import prepare_predictor
 from radioloc.measurements.observations import DOPPLER, Observations
 from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.quantised import common_step
+from radioloc.study.observation_choice import Uplink, with_transmitter, with_turnaround
 from radioloc.study.study import Study
-from radioloc.study.uplinks import Uplink, with_transmitter, with_turnaround
 from radioloc.time import Epochs, utc_strings, utc_to_tai
 from radioloc.vectors import Floats
 

@@ -2,19 +2,113 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 
-from radioloc.errors import InputError
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.constants import C_M_S
+from radioloc.earth.stations import StationCatalogue
+from radioloc.errors import InputError, error_context
 from radioloc.io.frequencies import FrequencyAgreement
 from radioloc.io.tdm import TdmAgreement
+from radioloc.measurements.link import canonical_target
+from radioloc.measurements.observations import DOPPLER, Observations
 from radioloc.study.map_positions import PlaceOnMap
 from radioloc.study.schema import check, entry
-from radioloc.study.uplinks import Uplink
 from radioloc.study.weights import Weight
 from radioloc.time import Epochs, utc_to_tai
 from radioloc.units import set_fields
+from radioloc.vectors import Floats
+
+_TAG_TOLERANCE_S = 1e-3  # Epochs of study files are rounded to milliseconds
+
+
+@dataclass(frozen=True, slots=True)
+class Uplink:
+    """Transmitter of Doppler that a station received in a pass: keys of ``[[observations.uplinks]]``."""
+
+    receiver: str
+    start: Epochs = entry(moment=True)
+    stop: Epochs = entry(moment=True)
+    transmitter: str | None = None
+    turnaround: tuple[int, int] | None = None
+    target: str | None = None
+
+    def __post_init__(self) -> None:
+        check(self)
+        if self.turnaround is not None and min(self.turnaround) <= 0:
+            raise InputError(f"turnaround: expected two numbers above zero, got {self.turnaround}")
+
+    def rows(self, observations: Observations, catalogue: StationCatalogue) -> NDArray[np.intp]:
+        """Return the rows of Doppler of this pass."""
+        receiver = catalogue.get(self.receiver).name
+        received = [
+            catalogue.get(link.receiver).name == receiver
+            and (self.target is None or canonical_target(self.target) == canonical_target(link.target))
+            for link in observations.links
+        ]
+        tai = utc_to_tai(observations.epoch)
+        since_start_s, since_stop_s = (
+            tai.seconds_since(utc_to_tai(moment)) for moment in (self.start, self.stop)
+        )
+        in_pass = (since_start_s >= -_TAG_TOLERANCE_S) & (since_stop_s <= _TAG_TOLERANCE_S)
+        return np.flatnonzero(
+            in_pass & (observations.kind == DOPPLER) & np.array(received, dtype=bool)[observations.link]
+        )
+
+
+def with_uplinks(
+    observations: Observations, uplinks: Iterable[Uplink], catalogue: StationCatalogue
+) -> Observations:
+    """Return observations with the transmitters and turnaround ratios of their passes."""
+    for uplink in uplinks:
+        with error_context("[[observations.uplinks]]"):
+            rows = uplink.rows(observations, catalogue)
+            sender = uplink.transmitter and catalogue.get(uplink.transmitter).name
+        if sender:
+            observations = with_transmitter(observations, rows, sender)
+        if uplink.turnaround is not None and len(rows):
+            down, up = uplink.turnaround
+            columns = {name: getattr(observations, name).copy() for name in ("value_m", "wavelength_um")}
+            with error_context("[[observations.uplinks]]"):
+                columns["value_m"][rows] = with_turnaround(observations, rows, down / up)
+            columns["wavelength_um"][rows] = 1e6 * C_M_S * up / (down * observations.uplink_hz[rows])
+            for column in columns.values():
+                column.flags.writeable = False
+            observations = replace(observations, **columns)
+    return observations
+
+
+def with_transmitter(observations: Observations, rows: NDArray[np.intp], station: str) -> Observations:
+    """Return observations with another transmitter in some rows; one-way and differenced links stay."""
+    links = {link: k for k, link in enumerate(observations.links)}
+    new_links = (
+        replace(link, transmitter=station) if link.transmitter and not link.differenced else link
+        for link in observations.links
+    )
+    numbers = [links.setdefault(link, len(links)) for link in new_links]
+    column = observations.link.copy()
+    column[rows] = np.array(numbers, dtype=column.dtype)[column[rows]]
+    column.flags.writeable = False
+    return replace(observations, links=tuple(links), link=column)
+
+
+def with_turnaround(observations: Observations, rows: NDArray[np.intp], ratio: float | None) -> Floats:
+    """Return the values of some rows for another turnaround ratio and the same received frequency, m."""
+    value_m = observations.value_m[rows]
+    if ratio is None:
+        return value_m
+    if np.isnan(observations.uplink_hz[rows] * observations.wavelength_um[rows]).any():
+        raise InputError(
+            "turnaround: expected observations with frequencies up and down, got some without; leave it out"
+        )
+    count_m = C_M_S * observations.count_s[rows]
+    recorded = C_M_S / (1e-6 * observations.wavelength_um[rows] * observations.uplink_hz[rows])
+    return np.asarray(count_m - recorded / ratio * (count_m - value_m))
+
 
 TDM_KEYS = {
     "sigma_m": "sigma_m",

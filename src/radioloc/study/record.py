@@ -32,7 +32,7 @@ _DESCRIPTIVE_FIELDS = ("complex", "country")  # Fields of stations without effec
 @cache
 def versions() -> Mapping[str, str]:
     """Return the versions of radioloc, Python and the packages that compute."""
-    # Read once: a lookup takes a millisecond and is not thread-safe (seen on a Dask cluster).
+    # Read once: a lookup takes a millisecond and is not thread-safe.
     return {
         "radioloc": __version__,
         "python": platform.python_version(),

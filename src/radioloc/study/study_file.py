@@ -23,7 +23,7 @@ from radioloc.parameters.considered import considered_choices
 from radioloc.simulation import Scenario
 from radioloc.simulation.simulate import TargetRecord
 from radioloc.study.map_positions import PlaceOnMap
-from radioloc.study.observation_choice import ObservationChoice
+from radioloc.study.observation_choice import ObservationChoice, Uplink
 from radioloc.study.orbit_choice import (
     ForcesChoice,
     OrbitChoice,
@@ -61,7 +61,6 @@ from radioloc.study.target_file import (
     reference_of,
     true_orbiter,
 )
-from radioloc.study.uplinks import Uplink
 from radioloc.study.weights import Weight
 from radioloc.targets.registry import TargetDescription
 

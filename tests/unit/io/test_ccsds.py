@@ -18,9 +18,8 @@ from radioloc.dynamics import Acceleration, Impulse
 from radioloc.ephemeris import Ephemeris, Trajectory
 from radioloc.errors import InputError
 from radioloc.io import write_spice
-from radioloc.io.ccsds import write_oem, write_orbit_oem, write_orbit_opm, write_residuals_tdm
+from radioloc.io.ccsds import write_oem, write_orbit_oem, write_orbit_opm
 from radioloc.io.spice_kernels import write_orbit_spk
-from radioloc.io.tdm import read_tdm_file
 from radioloc.kernels import find_kernel
 from radioloc.time import epochs_from_strings, to_scale
 
@@ -225,44 +224,3 @@ def fitted():
 def by_path(segment):
     """The path as the library writes it, from the participants."""
     return ">".join(segment.participant(leg) for leg in segment.legs())
-
-
-def test_residuals_come_back(fitted, tmp_path):
-    solution, observations = fitted
-    rows = solution.residuals
-    file = write_residuals_tdm(tmp_path / "oc.tdm", solution, observations, originator="TEST")
-    message = read_tdm_file(file)
-    assert message.header.comments == (
-        f"{solution.name}: the values are residuals, observed minus computed, not observations",
-    )
-    rows_by_name = {}
-    for segment in message.segments:
-        assert segment.data_comments == (
-            "the values are residuals, observed minus computed, not observations",
-        )
-        assert segment.counts().keys() <= {"RANGE", "RECEIVE_FREQ_1", "RECEIVE_FREQ_3", "TRANSMIT_FREQ_1"}
-        epochs = segment.epochs("RANGE")
-        used = segment.metadata["DATA_QUALITY"] == "VALIDATED"
-        for *key, value_m in zip(epochs.jd, epochs.fraction, segment.values("RANGE"), strict=True):
-            rows_by_name[by_path(segment), *key] = (used, value_m)
-    assert len(rows_by_name) == len(rows)
-    for path, jd, fraction, used, residual_m in zip(
-        rows.path, rows.epoch_utc.jd, rows.epoch_utc.fraction, rows.used, rows.residual_m, strict=True
-    ):
-        assert rows_by_name[path, jd, fraction] == (used, residual_m)
-
-
-def test_other_observations_are_refused(fitted, tmp_path):
-    solution, observations = fitted
-    for reordered in (observations.select(slice(1, None)), observations.select(slice(None, None, -1))):
-        with pytest.raises(InputError, match="others"):
-            write_residuals_tdm(tmp_path / "oc.tdm", solution, reordered, originator="TEST")
-
-
-def test_the_command_writes_residuals(tmp_path, capsys):
-    options = ["residuals", STUDY, "-q", "--residuals-tdm", str(tmp_path / "oc.tdm")]
-    with pytest.raises(SystemExit, match="2"):
-        main(options)
-    assert "--originator" in capsys.readouterr().err
-    assert main([*options, "--originator", "TEST"]) == 0
-    assert sum(map(len, [read_tdm_file(tmp_path / "oc.tdm")])) > 0

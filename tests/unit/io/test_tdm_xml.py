@@ -5,8 +5,7 @@ import pytest
 from tdm_messages import DELAY, RANGES, TWO_WAY, kvn, xml
 
 from radioloc.errors import FileFormatError
-from radioloc.io.tdm.kvn import parse_kvn
-from radioloc.io.tdm.xml import parse_xml
+from radioloc.io.tdm.kvn import parse_kvn, parse_xml
 
 SEGMENTS = (
     (TWO_WAY, RANGES),

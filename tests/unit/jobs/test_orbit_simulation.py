@@ -13,7 +13,7 @@ from radioloc.errors import InputError
 from radioloc.measurements import ExactPredictor, PhysicalModel
 from radioloc.simulation import TruthSigma, windows
 from radioloc.study.orbit_choice import ProcessNoise
-from radioloc.time import utc_strings
+from radioloc.time import tt_to_tdb, utc_strings, utc_to_tt
 
 TRUE_M = np.array([575839.0, -463349.0, -1631539.0])
 VELOCITY_M_S = np.array([-567.864, 1434.223, -600.209])
@@ -145,11 +145,6 @@ def test_a_covariance_study_claims_what_a_fit_of_the_tracking_does(scene):
     # The truth is 170 m from where the fit begins, and noise is weighed by residuals: sigmas agree to some percent.
     sigmas = [np.sqrt(np.diag(state.covariance)) for state in (result.state, fitted.state)]
     np.testing.assert_allclose(*sigmas, rtol=0.15)
-    first, last = (fitted.state.epoch.shifted(3600.0 * hours) for hours in result.tracked_h)
-    assert [str(item)[:16] for item in (*utc_strings(first), *utc_strings(last))] == [
-        "2012-04-09T04:41",
-        "2012-04-09T08:41",
-    ]
 
 
 @pytest.mark.slow
@@ -158,7 +153,9 @@ def test_what_errors_of_gravity_do_to_a_plan_is_in_its_budget(scene, tmp_path):
     plan = replace(study, target=replace(study.target, gravity_errors=4, gravity_error_degree=30))
     result = radioloc.covariance(plan, hours=[2.0, 4.0])
     arc = result.longest
-    first_h, last_h = arc.tracked_h
+    tdb = tt_to_tdb(utc_to_tt(scene[1].observations.epoch))
+    elapsed_h = tdb.seconds_since(study.target.epoch) / 3600.0
+    first_h, last_h = elapsed_h[0], elapsed_h[elapsed_h <= elapsed_h[0] + 4.0 + 1e-9].max()
     count = int((last_h - first_h) * 6.0) + 1
     tdb = study.target.epoch.shifted(3600.0 * np.linspace(first_h, last_h, count))
     mean_m2 = arc.state.covariance_rtn(tdb)[:, :3, :3].mean(axis=0)
@@ -172,7 +169,7 @@ def test_what_errors_of_gravity_do_to_a_plan_is_in_its_budget(scene, tmp_path):
     assert written["sigma_along_m"] == pytest.approx(arc.sigma_m[0])
     assert len(written["state"]["mapped"]) == 25
     names = {path.name for path in radioloc.write_report(tmp_path, result)}
-    assert {"covariance.png", "covariance_on_arc.png"} <= names
+    assert {"covariance.png", "covariance.csv"} <= names
 
 
 @pytest.fixture(scope="module")
@@ -227,7 +224,7 @@ def test_trials_of_an_orbit_are_those_of_full_fits(scene, tmp_path):
     expected_m = claimed.sigma_rtn_m(tdb)[:, [1, 2, 0]]
     np.testing.assert_allclose(np.median(result.sigmas_m, axis=0), expected_m, rtol=0.1)
     names = {path.name for path in radioloc.write_report(tmp_path, result)}
-    assert {"trials.csv", "trials.png", "error_by_length.png"} <= names
+    assert {"trials.csv", "trials.png"} <= names
     assert (tmp_path / "trials.csv").read_text().startswith("trial,hours,at_h,converged,")
 
 

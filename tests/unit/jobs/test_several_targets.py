@@ -9,7 +9,7 @@ from several_targets import LANDER, ROVER, STATE
 
 import radioloc
 from radioloc.measurements import PhysicalModel
-from radioloc.results.state_comparison import state_pair
+from radioloc.results.comparison import state_pair
 
 TURNED = STATE[[1, 0, 2, 4, 3, 5]]
 ALL = ("lander", "rover", "craft", "other", "known", "descent")

@@ -14,7 +14,6 @@ from radioloc.jobs.comparison import read_solutions
 from radioloc.measurements import FixedPoint, Link, Observations, PhysicalModel, prepare_predictor
 from radioloc.measurements.measurement_type import TIME_TAGS
 from radioloc.measurements.registry import KINDS
-from radioloc.search import search
 from radioloc.time import Epochs, tai_to_utc
 
 LANDER = LunarPosition.from_selenographic(-51.9162, 43.0584, -2550.4)
@@ -138,19 +137,6 @@ def test_solutions_of_several_targets_are_compared_by_the_one_that_is_named(fold
         "range_bias.JIAMUSI>lander>KASHI",
     }
     np.testing.assert_allclose(estimate.total_enu_m2, of_rover["covariance"]["enu_m2"], rtol=1e-6)
-
-
-def test_several_targets_come_home_from_afar_by_a_search(folder):
-    """The rover is only observed beside the lander, whose position takes it along."""
-    distant = STUDY.replace("longitude_deg = -51.9", "longitude_deg = 8.9").replace("43.05", "-7.05")
-    result = search(study(folder, distant))
-    assert [item.target for item in result.apriori_positions] == ["lander", "rover"]
-    solution = radioloc.locate(result.write(folder / "completed.toml"))
-    assert solution.converged
-    for name, truth in (("lander", LANDER), ("rover", ROVER)):
-        position_m = solution.of_target(name).position_me_m
-        assert np.linalg.norm(position_m - truth.to_axes("ME", CONSTANTS).xyz_m) < 0.01
-    assert search(study(folder)).apriori_positions == ()
 
 
 CONSTANTS = PhysicalModel.build().ephemeris.constants

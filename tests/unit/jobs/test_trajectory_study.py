@@ -59,7 +59,7 @@ def study_file(
 def test_residuals_along_a_trajectory(folder):
     assert main(["residuals", str(study_file(folder)), "--out", str(folder / "out"), "--terms"]) == 0
     names = {path.name for path in (folder / "out").iterdir()}
-    figures = {f"{name}.{end}" for name in ("residuals", "distribution", "terms") for end in ("png", "svg")}
+    figures = {f"{name}.{end}" for name in ("residuals", "terms") for end in ("png", "svg")}
     assert names == {"solution.json", "residuals.csv", "terms.csv"} | figures
     record = json.loads((folder / "out" / "solution.json").read_text())
     assert (record["position"], record["sigma"], record["covariance"]) == (None, None, None)

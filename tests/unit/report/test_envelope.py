@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from radioloc.report.figures import new_figure
-from radioloc.report.residual_figures import draw_envelope
-from radioloc.report.residual_panels import BINS, time_bins
+from radioloc.report.residual_figures import BINS, draw_envelope, time_bins
 
 
 def dates_of(count):

@@ -27,12 +27,12 @@ from radioloc.lunar.map_files import new_geotiff
 from radioloc.report.figure_types import FIGURES
 from radioloc.report.page import write_html
 from radioloc.results.accuracy_map import AccuracyMap
+from radioloc.results.comparison import StateComparison, StatePair
 from radioloc.results.covariance import Contribution, CovarianceStudy, Improvement, PlannedArc
 from radioloc.results.monte_carlo import LinearityCheck, MonteCarlo
 from radioloc.results.registry import RESULTS, result_type
 from radioloc.results.result import Table
 from radioloc.results.scores import Score, Scores
-from radioloc.results.state_comparison import StateComparison, StatePair
 from radioloc.results.subsets import Arc, ArcStudy, LeaveOneOut, Omission
 
 
@@ -144,11 +144,11 @@ MAKERS = {
     ),
 }
 FIGURES_OF = {
-    "solution": {"residuals", "position", "correlations", "distribution", "budget"},
+    "solution": {"residuals", "position", "correlations", "budget"},
     "arcs": {"figure2", "arcs"},
     "comparison": {"comparison"},
     "state_comparison": set(),
-    "monte_carlo": {"trials", "error_by_length"},
+    "monte_carlo": {"trials"},
     "covariance": {"covariance"},
     "accuracy_map": {"accuracy_map"},
     "scores": set(),
@@ -253,7 +253,7 @@ def test_a_figure_is_drawn_by_its_name_in_axes_given():
     figure = Figure(figsize=(9.0, 5.0), layout="constrained")
     first, right = figure.subplots(1, 2)
     assert radioloc.report.plot(solution(), "position", ax=first) is figure
-    assert radioloc.report.plot(solution(), "distribution", ax=right) is figure
+    assert radioloc.report.plot(solution(), "correlations", ax=right) is figure
     assert len(first.patches) == 2
     for name, words in (("trials", "expected one of residuals, position"), ("terms", "nothing to draw")):
         with pytest.raises(InputError, match=words):

@@ -1,4 +1,4 @@
-"""Figures of a budget, of a distribution, of arcs, terms, visibility and stations show the numbers that they are of."""
+"""Figures of a budget, of arcs and of terms show the numbers that they are of."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -9,13 +9,9 @@ from toy_moon import LANDER_M, ToyMoon, toy_solution
 
 from radioloc import LunarPosition
 from radioloc.errors import InputError
-from radioloc.measurements import PhysicalModel
-from radioloc.report import plot_visibility
 from radioloc.report.error_figures import plot_budget
 from radioloc.report.position_figures import plot_arcs
-from radioloc.report.residual_figures import plot_distribution
 from radioloc.results.subsets import Arc, ArcStudy
-from radioloc.simulation import Masks, windows
 
 
 @pytest.fixture(scope="module")
@@ -42,28 +38,6 @@ def test_bars_of_the_budget_are_its_sigmas(solution):
         plot_budget(held)
 
 
-def test_the_distribution_is_that_of_the_used_residuals(solution):
-    rows = solution.residuals
-    first, right = plot_distribution(solution).axes
-    size = rows.residual_m / rows.sigma_m
-    by_label = {line.get_label(): line for line in first.lines}
-    np.testing.assert_allclose(by_label["range"].get_xdata(), rows.elevation_deg[rows.used])
-    np.testing.assert_allclose(by_label["range"].get_ydata(), size[rows.used])
-    [beyond] = by_label["1 rejected"].get_ydata()
-    low, high = first.get_ylim()
-    assert low < size[rows.used].min() < size[rows.used].max() < beyond < high
-    # Bins of five degrees: the first whole one has the elevations from 15 to 20.
-    band = rows.used & (rows.elevation_deg >= 15.0) & (rows.elevation_deg < 20.0)
-    rms = dict(by_label["rms in 5 deg"].get_xydata())
-    assert rms[17.5] == pytest.approx(np.sqrt(np.mean(size[band] ** 2)))
-    bars = [bar for bar in right.patches if bar.get_width() > 0.0]
-    area = sum(bar.get_width() * bar.get_height() for bar in bars)
-    assert area == pytest.approx(1.0)
-    assert f"rms {np.sqrt(np.mean(size[rows.used] ** 2)):.3g}" in right.get_title()
-    with pytest.raises(InputError, match="expected elevations"):
-        plot_distribution(replace(rows, elevation_deg=None))
-
-
 @pytest.fixture(scope="module")
 def arc_study(solution):
     shorter = replace(solution, position_pa_m=LANDER_M + np.array([0.0, 15.0, -6.0]))
@@ -88,25 +62,3 @@ def test_arcs_are_drawn_where_the_table_has_them(arc_study):
             assert (x, y) == pytest.approx((hours, sign * getattr(row, f"{side}_m")))
             [[low, high]] = [segment[:, 1] for segment in bars.lines[2][0].get_segments()]
             assert high - low == pytest.approx(2.0 * 1.959964 * getattr(row, f"sigma_{side}_m"), rel=1e-6)
-
-
-def test_bars_of_visibility_are_the_windows():
-    model = PhysicalModel.build()
-    lander = LunarPosition.from_selenographic(-51.9162, 43.0584, -2550.4)
-    target = lander.to_axes("PA", model.ephemeris.constants).xyz_m
-    span = ("2020-12-01T00:00:00", "2020-12-02T12:00:00")
-    masks = Masks(by_station_deg={"KASHI": 15.0})
-    elevations, intervals = plot_visibility(model, target, ["KASHI", "NEUQUEN"], *span, masks).axes
-    step_days = 1.5 / 720.0
-    for k, name in enumerate(("KASHI", "NEUQUEN")):
-        expected = windows(model, target, [name], *span, masks)
-        bars = [bar for bar in intervals.patches if round(bar.get_y() + 0.3) == k]
-        assert len(bars) == len(expected)
-        for bar, window in zip(bars, expected, strict=True):
-            edges = (
-                np.array([window.start_utc, window.stop_utc], dtype="datetime64[ms]").astype(float) / 86400e3
-            )
-            assert [bar.get_x(), bar.get_x() + bar.get_width()] == pytest.approx(edges, abs=1.01 * step_days)
-    assert {line.get_ydata()[0] for line in elevations.lines if line.get_linestyle() == "--"} == {10.0, 15.0}
-    with pytest.raises(InputError, match="expected a date"):
-        plot_visibility(model, target, ["KASHI"], span[1], span[0])

@@ -9,6 +9,7 @@ from change5_case import LANDER, NEAR
 
 import radioloc
 from radioloc import Observations, Study
+from radioloc.cli import main
 from radioloc.constants import C_M_S
 from radioloc.errors import InputError
 from radioloc.io.formats import write_observations
@@ -166,7 +167,11 @@ turnarounds = ["880/749", "240/221"]
 def test_completed_file_states_the_uplink_of_each_pass(received, tmp_path):
     write_observations(tmp_path / "received.csv", received)
     (tmp_path / "study.toml").write_text(STUDY)
-    completed = search(tmp_path / "study.toml").write(tmp_path / "completed.toml")
+    completed, elsewhere = tmp_path / "completed.toml", tmp_path / "folder" / "completed.toml"
+    assert main(["search", str(tmp_path / "study.toml"), "--out", str(completed), "--quiet"]) == 0
+    assert "# candidates" not in completed.read_text()
+    with pytest.raises(InputError, match="in the folder of"):
+        search(tmp_path / "study.toml").write(elsewhere)
     assert [uplink.turnaround for uplink in radioloc.read_study(completed).observations.uplinks] == [
         (880, 749)
     ] * 3

@@ -15,11 +15,10 @@ from pathlib import Path
 from radioloc.earth.stations import StationCatalogue
 from radioloc.errors import FileFormatError
 from radioloc.io.tdm.agreement import TdmAgreement
-from radioloc.io.tdm.kvn import looks_like_kvn, parse_kvn
+from radioloc.io.tdm.kvn import looks_like_kvn, looks_like_xml, parse_kvn, parse_xml
 from radioloc.io.tdm.meaning import TdmReadout, tdm_observations
 from radioloc.io.tdm.message import TdmFile
 from radioloc.io.tdm.write import write_tdm
-from radioloc.io.tdm.xml import looks_like_xml, parse_xml
 from radioloc.measurements.observations import Observations
 from radioloc.text_files import read_head, read_lines, read_text
 

@@ -188,7 +188,11 @@ class Hypotheses:
         """A-priori or usual sigmas of range biases by station or link."""
         errors = [errors.parameters for errors in (self.considered, self.candidates) if errors is not None]
         items = (item for parameters in (self.fit.parameters, *errors) for item in parameters)
-        return {owner(item): item.prior_sigma for item in items if item.kind == "range_bias"}
+        return {
+            owner(item): item.prior_sigma
+            for item in items
+            if item.kind == "range_bias" and math.isfinite(item.prior_sigma)
+        }
 
     def _offsets(self) -> Iterator[Hypothesis]:
         """Yield offsets of links and stations in the arc, and in each of several passes."""

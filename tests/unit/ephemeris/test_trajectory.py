@@ -54,21 +54,6 @@ def test_what_a_program_has_loaded_neither_matters_nor_changes(orbit, tmp_path):
     assert np.abs(states_km(orbit) - STATES(AT_S) / 1e3).max() < SAME_KM
 
 
-def test_of_several_segments_the_last_counts(tmp_path):
-    path = write_states(tmp_path / "two.bsp", STATES)
-    handle = spiceypy.spkopa(str(path))
-    et_s = START_S + np.arange(0.0, 7260.0, 60.0)
-    spiceypy.spkw13(
-        handle, ORBITER, 301, "J2000", START_S, START_S + 7200.0, "later", 11, len(et_s),
-        HIGHER_STATES(et_s) / 1e3, et_s,
-    )  # fmt: skip
-    spiceypy.spkcls(handle)
-    early, late = START_S + np.array([100.0]), START_S + np.array([8000.0])
-    assert np.abs(states_km(path, early) - HIGHER_STATES(early) / 1e3).max() < SAME_KM
-    assert np.abs(states_km(path, late) - STATES(late) / 1e3).max() < SAME_KM
-    assert Trajectory.open(path, ORBITER).spans_s() == [(START_S, STOP_S)]
-
-
 def test_another_inertial_frame_is_turned(orbit, tmp_path):
     turn = spiceypy.pxform("J2000", "ECLIPJ2000", 0.0)
 

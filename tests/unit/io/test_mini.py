@@ -62,11 +62,3 @@ def test_a_day_with_a_leap_second_has_second_60(mini_lines):
     stamp = "200812312359600000000"
     read = parse_mini("a.np", changed(mini_lines, 3, 23, stamp), None)
     assert utc_strings(read.epoch, decimals=3)[1] == "2008-12-31T23:59:60.000"
-
-
-def test_stations_get_catalogue_names_and_unknown_ones_keep_their_code(mini_lines):
-    from radioloc.earth.stations import StationCatalogue
-
-    lines = changed(mini_lines, 39, 43, "12345")
-    paths = parse_mini("a.np", lines, StationCatalogue.default()).paths().tolist()
-    assert paths[:2] == ["APOLLO>apollo15>APOLLO", "12345>apollo11>12345"]

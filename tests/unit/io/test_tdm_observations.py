@@ -115,23 +115,6 @@ def test_delays_that_the_model_has_stay_in_the_data():
         assert any("stays in the data" in note for note in got.notes)
 
 
-def test_corrections():
-    correction = {"CORRECTION_RANGE": "-1.5", "CORRECTIONS_APPLIED": "YES"}
-    assert read((TWO_WAY | correction, RANGES)).value_m[1] == 768801500.0
-    correction["CORRECTIONS_APPLIED"] = "NO"
-    assert read((TWO_WAY | correction, RANGES)).value_m[1] == 768800000.0
-    half = ["RANGE = 2021-03-28T14:01:00 384400.75"]
-    assert read((TWO_WAY | correction, half), range_convention="half").value_m[0] == 768798500.0
-
-
-def test_modulus():
-    short = TWO_WAY | {"RANGE_MODULUS": "1000.0"}
-    records = ["RANGE = 2021-03-28T14:00:00 801.5"]
-    got = read((short, records), catalogue=StationCatalogue.default())
-    assert (got.value_m[0], got.modulus_m[0]) == (801500.0, 1e6)
-    assert read((TWO_WAY | {"RANGE_MODULUS": "1e7"}, RANGES)).value_m[1] == 768801500.0
-
-
 # One-way
 
 ONE_WAY = TWO_WAY | {"PATH": "2,1"}
@@ -182,19 +165,6 @@ def test_one_way_doppler():
 
 
 # VLBI delays
-
-
-@pytest.mark.parametrize("keyword", ["VLBI_DELAY", "DOR"])
-def test_delay_between_two_stations(keyword):
-    delays = {"RECEIVE_DELAY_2": "1e-6", "RECEIVE_DELAY_3": "5e-6", "TRANSMIT_DELAY_1": "1.0"}
-    records = [f"{keyword} = 2021-03-28T14:00:00 -1.5e-3", "TRANSMIT_FREQ_1 = 2021-03-28T13:59:58 8.4e9"]
-    got = read((DELAY | delays, records))
-    assert got.links == (Link("SESHAN25", "lander", "KUNMING", True),)
-    assert got.tags().tolist() == ["receive"]
-    assert abs(got.value_m[0] - C_M_S * (-1.5e-3 - 4e-6)) < VALUE_TOLERANCE_M
-    assert abs(seconds_after(got, "2021-03-28T14:00:00")[0] + 1e-6) < EPOCH_TOLERANCE_S
-    assert got.wavelength_um[0] == 1e6 * C_M_S / 8.4e9
-    assert got.sigma_m.tolist() == [0.3]
 
 
 def test_delay_of_a_two_way_signal():
@@ -351,18 +321,6 @@ def ramped(count, rate=1.0):
             f"TRANSMIT_FREQ_RATE_1 = 2021-03-28T14:{minute:02d}:00 {rate}",
         ]
     return (THREE_WAY | COUNT | RATIO, records)
-
-
-def test_ramps_of_an_uplink_with_a_delay():
-    got = read(ramped(3))
-    assert got.ramped.tolist() == [True] * 3
-    assert got.uplink_hz.tolist() == [7.2e9] * 3
-    delayed = read((ramped(3)[0] | {"TRANSMIT_DELAY_1": "1e-4"}, ramped(3)[1]))
-    moved_s = delayed.ramps.start.seconds_since(got.ramps.start)
-    assert moved_s == pytest.approx(1e-4, abs=EPOCH_TOLERANCE_S)
-    modelled = EquipmentDelays(stations={"KASHI": StationDelay(transmit_s=1e-4)})
-    modelled_delay = read((ramped(3)[0] | {"TRANSMIT_DELAY_1": "1e-4"}, ramped(3)[1]), modelled=modelled)
-    assert np.abs(modelled_delay.ramps.start.seconds_since(got.ramps.start)).max() == 0.0
 
 
 def test_passes_with_uplinks_of_their_own():

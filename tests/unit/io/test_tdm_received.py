@@ -108,15 +108,6 @@ def test_three_way_doppler_with_an_agreed_transmitter(tmp_path):
     assert got.value_m[0] == pytest.approx(C_M_S * 10.0 * 204.255 / 2216.5e6, abs=1e-5)
 
 
-def test_frequencies_of_the_message_go_first(tmp_path):
-    text = AMATEUR.replace("DATA_START", "DATA_START\nTRANSMIT_FREQ_2 = 2022-11-20T14:00:00 2216499795.745")
-    (tmp_path / "a.tdm").write_text(text)
-    with pytest.warns(DataQualityWarning):
-        got = read_observations(tmp_path / "a.tdm", frequencies=[BEACON])
-    assert got.value_m[0] == 0.0
-    assert got.sigma_m[0] == pytest.approx(C_M_S * 10.0 * 0.5 / 2216499795.745, rel=1e-12)
-
-
 # Differences of two paths
 
 

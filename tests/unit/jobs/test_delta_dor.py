@@ -202,19 +202,3 @@ def test_tracking_beside_a_quasar_is_simulated_and_fitted(tmp_path):
     solution = radioloc.locate(replace(plan, simulation=None), observations)
     assert solution.converged
     assert solution.values[solution.parameters.index("clock.KUNMING")] == pytest.approx(3e-7, abs=1e-10)
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        (('0716+332"', '3C273"'), r"source: '3C273' is missing"),
-        (('"vlbi_delay"', '"range"'), "source: expected a kind of delay"),
-    ],
-)
-def test_a_session_of_what_is_no_quasar(tmp_path, change, message):
-    def plan_it():
-        plan = planned(tmp_path, PLAN + OF_A_QUASAR.replace(*change))
-        plan.simulation.world(build_model(plan))
-
-    with pytest.raises(InputError, match=message):
-        plan_it()

@@ -9,10 +9,7 @@ from radioloc import LunarPosition
 from radioloc.jobs.problem import observation_model
 from radioloc.jobs.study_targets import surface_points
 from radioloc.measurements import FixedPoint
-from radioloc.measurements.measurement_type import TIME_TAGS
-from radioloc.measurements.registry import KINDS
 from radioloc.study import EstimateChoice
-from radioloc.time import Epochs
 
 PLACES = {
     "apollo15": (3.6, 26.1, -1900.0),
@@ -83,32 +80,3 @@ def test_lander_near_a_pole_is_found_from_across_the_pole(place, form, apollo15,
     solution = radioloc.locate(study, observations)
     assert solution.converged
     assert np.linalg.norm(solution.position_pa_m - truth.xyz_m) < 1e-3
-
-
-def test_biases_by_kind_of_measurement(near15, model):
-    kinds = ["range", "range", "range", "vlbi_delay", "doppler"]
-    tags = ["transmit", "receive", "bounce", "receive", "receive"]
-    links = [radioloc.measurements.Link.from_path(path) for path in ("APOLLO>x>GRASSE", "APOLLO<x>GRASSE")]
-    observations = radioloc.Observations.from_columns(
-        epoch=Epochs.from_jd(2459185.5, np.arange(5) / 24.0, "UTC"),
-        links=links,
-        link=[0, 0, 0, 1, 0],
-        kind=[KINDS.index(kind) for kind in kinds],
-        tag=[TIME_TAGS.index(tag) for tag in tags],
-        value_m=1.0,
-        sigma_m=1.0,
-        count_s=60.0,
-        wavelength_um=0.532,
-    )
-    start = near15.to_axes("PA", model.ephemeris.constants)
-    arc = radioloc.measurements.ExactPredictor(model, observations, FixedPoint(start.xyz_m))
-    choice = EstimateChoice(range_bias="all", time_bias="all")
-    solution = observation_model(arc, surface_points({"": start}, model, choice), choice)
-    names = [p.name for p in solution.parameters][3:]
-    assert names == ["range_bias.GRASSE", "time_bias.APOLLO", "time_bias.GRASSE"]
-    by_time = arc.compute(FixedPoint(start.xyz_m)).by_time_m_s
-    columns = solution.residuals(solution.parameters.prior_values)[1][:, 3:]
-    first = np.array([True, False, False, True, False])
-    assert columns[:, 0].tolist() == [1.0, 1.0, 1.0, 0.0, 0.0]
-    assert (columns[:, 1] == np.where(first, by_time, 0.0)).all()
-    assert (columns[:, 2] == np.where(first, 0.0, by_time)).all()

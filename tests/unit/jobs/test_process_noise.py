@@ -8,7 +8,7 @@ from low_orbit import EPOCH
 from tracked_orbit import OFF, PASSES_S, STATE, craft, tracked
 
 import radioloc
-from radioloc.dynamics import Acceleration, Forces, GravityField
+from radioloc.dynamics import Forces, GravityField
 from radioloc.dynamics.stochastic import stochastic_forces
 from radioloc.errors import InputError
 from radioloc.measurements import ExactPredictor
@@ -18,8 +18,6 @@ from radioloc.vectors import rtn_axes
 SIGMA_M = 2e-4
 SIGMA_M_S2 = 1e-7
 NOISE = ProcessNoise(SIGMA_M_S2, 0.5 * SIGMA_M_S2, SIGMA_M_S2, interval_s=600.0, correlation_s=600.0)
-STEP_OF_A_FIT = 2e-3
-"""Of a sigma: the last step of Gauss and Newton that is not taken."""
 
 
 @pytest.fixture(scope="module")
@@ -91,50 +89,6 @@ def test_residuals_are_those_of_the_smoothed_orbit(model, doppler, solution):
     left_m = observations.value_m - predictor.compute().value_m
     used = solution.residuals.used
     np.testing.assert_allclose(solution.residuals.residual_m[used], left_m[used], atol=0.02 * SIGMA_M)
-
-
-@pytest.mark.slow
-def test_the_filter_is_a_batch_fit_of_accelerations_by_variational_equations(forces, doppler):
-    """Independent accelerations as parameters with a-priori sigmas, integrated with partials."""
-    observations, _ = doppler
-    noise = replace(NOISE, correlation_s=0.0)
-    chosen = study_of(forces, process_noise=noise, state_sigma_m=1e3)
-    errors = radioloc.locate(chosen, observations).state
-    names = [f"a{k:+d}" for k in range(-7, 21)]
-    intervals = tuple(
-        Acceleration(name, start=EPOCH.shifted(600.0 * k), stop=EPOCH.shifted(600.0 * (k + 1)))
-        for k, name in enumerate(names, -7)
-    )
-    axes = dict(zip("rtn", NOISE.sigma_m_s2.tolist(), strict=True))
-    sigma = {f"{name}.{axis}": size for name in names for axis, size in axes.items()}
-    batch = radioloc.locate(
-        study_of(
-            replace(forces, accelerations=intervals),
-            estimate={"weights": "independent"},
-            forces=tuple(sigma),
-            sigma=sigma,
-            state_sigma_m=1e3,
-        ),
-        observations,
-    )
-    sigmas = np.sqrt(np.diag(batch.state.covariance))
-    difference = np.concatenate(
-        [errors.position_m - batch.state.position_m, errors.velocity_m_s - batch.state.velocity_m_s]
-    )
-    assert np.abs(difference / sigmas).max() < 10.0 * STEP_OF_A_FIT
-    np.testing.assert_allclose(np.sqrt(np.diag(errors.covariance)), sigmas, rtol=2e-3)
-    # On the arc, where the accelerations' own errors count.
-    times = errors.orbit.times(11)[1:-1]
-    np.testing.assert_allclose(errors.sigma_rtn_m(times), batch.state.sigma_rtn_m(times), rtol=5e-3)
-    by_name = dict(zip(batch.parameters.names, batch.values, strict=True))
-    estimated = np.array([[by_name[f"force.{name}.{axis}"] for axis in "rtn"] for name in names])
-    record = errors.process.to_dict()
-    assert record["start_tdb"][0] == "2012-04-09T03:20:00.000"
-    smoothed = np.array(record["acceleration_m_s2"])
-    assert (np.abs(smoothed - estimated[-len(smoothed) :]) < 10.0 * STEP_OF_A_FIT * NOISE.sigma_m_s2).all()
-    by_sigma = dict(zip(batch.parameters.names, batch.sigmas(), strict=True))
-    claimed = np.array([[by_sigma[f"force.{name}.{axis}"] for axis in "rtn"] for name in names])
-    np.testing.assert_allclose(record["acceleration_sigma_m_s2"], claimed[-len(smoothed) :], rtol=2e-3)
 
 
 def test_intervals_with_more_motion_than_the_residuals_are_noted(forces, doppler, solution):

@@ -171,12 +171,3 @@ def test_considered_parameters_are_in_the_total_sigma(folder):
     # The whole: what is added to the covariance is the sum over the considered parameters.
     added = solution.position_covariance("enu", "total") - solution.position_covariance("enu", "scaled")
     assert np.trace(added) == pytest.approx(np.sum(np.square(sizes)), rel=1e-6)
-
-
-@pytest.mark.parametrize("table", ["estimate", "consider"])
-def test_a_zenith_delay_without_a_troposphere_is_an_error(folder, table):
-    text = STUDY.replace('off = ["ionosphere"]', 'off = ["ionosphere", "troposphere"]')
-    keys = 'zenith_delay = ["KASHI"]\nzenith_delay_sigma_m = 0.1\n'
-    text += keys if table == "estimate" else f"[consider]\n{keys}"
-    with pytest.raises(InputError, match=rf"^\[{table}\] zenith_delay: .* troposphere, .* switched off"):
-        radioloc.locate(study(folder, text))

@@ -12,7 +12,6 @@ import radioloc
 from radioloc import verify
 from radioloc.cli import main
 from radioloc.errors import InputError
-from radioloc.kernels import find_kernel
 from radioloc.report.files import INCOMPLETE
 
 pytestmark = pytest.mark.usefixtures("unsearched")
@@ -153,18 +152,3 @@ def test_what_was_changed_in_python_is_not_taken_for_the_file(copy):
     changes = radioloc.read_observations(copy / DATA).select(range(100))
     solution = radioloc.compute_residuals(study, replace(changes, files=("other.csv",)))
     assert solution.provenance["study"] is None
-
-
-@pytest.mark.study
-@pytest.mark.usefixtures("undrawn")
-def test_kernels_are_known_by_their_content(copy):
-    """A kernel that the study names is an input as the data are."""
-    with (copy / "s.toml").open("a") as file:
-        file.write('[model]\nephemeris = "k.bsp"\n')
-    shutil.copy(find_kernel("DE421", "SPK"), copy / "k.bsp")
-    radioloc.write_report(copy / "out", radioloc.locate(radioloc.read_study(copy / "s.toml")))
-    assert verify(copy / "out" / "solution.json").same
-    with (copy / "k.bsp").open("ab") as file:
-        file.write(b"\0" * 1024)
-    with pytest.raises(InputError, match=r"k\.bsp has another content"):
-        verify(copy / "out" / "solution.json")

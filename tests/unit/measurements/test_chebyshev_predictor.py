@@ -9,11 +9,12 @@ from arc_cases import (
     assert_same,
     epochs_tai,
     observations,
+    with_predictions_after_2_december,
 )
 from quick import some
 
 from radioloc.constants import C_M_S
-from radioloc.errors import InputError
+from radioloc.errors import InputError, PredictedEopWarning
 from radioloc.lunar import selenographic_to_cartesian
 from radioloc.measurements import FixedPoint, chebyshev_predictor
 from radioloc.measurements.chebyshev_predictor import ChebyshevPredictor
@@ -227,6 +228,18 @@ def test_positions_far_from_the_one_prepared(model):
     assert_same(arc.compute(APOLLO15), original, atol=SAME_M)
     with pytest.raises(InputError):
         arc.compute(np.array([np.nan, 0.0, 0.0]))
+
+
+def test_predicted_earth_orientation(model):
+    """Observations after the midnight of the last measured Earth orientation are marked."""
+    predicted_model = with_predictions_after_2_december(model)
+    tai = epochs_tai(1440, 12.0, start_jd=2459184.5, start_fraction=0.75)
+    rows = series("KASHI>x>KASHI", "range", tai)
+    with pytest.warns(PredictedEopWarning):
+        arc = ChebyshevPredictor(predicted_model, rows, APOLLO15)
+        exact = ExactPredictor(predicted_model, rows, APOLLO15)
+    assert (arc.predicted_eop == exact.predicted_eop).all()
+    assert 0 < arc.predicted_eop.sum() < len(rows)
 
 
 def test_terms(model):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from mappings import niell, vmf3
 
-from radioloc.media.mapping_functions import day_of_year, niell_coefficients
+from radioloc.media.mapping_functions import day_of_year
 from radioloc.time import epochs_from_strings
 
 GOLDSTONE_RAD = np.deg2rad([35.4, -116.9])
@@ -23,17 +23,6 @@ def test_rates_are_the_derivatives(mapping, elevation_deg: float) -> None:
         difference = (getattr(ahead, name) - getattr(behind, name)) / (2.0 * step)
         # Rounding of a number near 15 over 2e-6, and at 3 degrees the third derivative of 1e6 times 1e-12 / 6.
         np.testing.assert_allclose(getattr(value, f"{name}_rate_rad"), difference, rtol=1e-9, atol=5e-9)
-
-
-@pytest.mark.parametrize("mapping", MAPPINGS.values(), ids=MAPPINGS)
-def test_one_and_flat_at_the_zenith(mapping) -> None:
-    np.testing.assert_allclose(mapping(np.pi / 2), (1.0, 1.0, 0.0, 0.0), rtol=0.0, atol=1e-15)
-
-
-def test_coefficients_of_niell_are_linear_between_latitudes() -> None:
-    for coefficients in niell_coefficients(np.deg2rad([15.0, 22.5, 30.0]), 100.0):
-        for at_15, between, at_30 in coefficients:
-            assert between == pytest.approx(0.5 * (at_15 + at_30), rel=1e-14)
 
 
 def test_day_of_year() -> None:

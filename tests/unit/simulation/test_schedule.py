@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from radioloc.errors import InputError
-from radioloc.measurements.link import Link
-from radioloc.simulation import Masks, Schedule, Session, all_ranges, baselines, elevations, two_way, windows
+from radioloc.simulation import Masks, Schedule, Session, all_ranges, elevations, two_way, windows
 from radioloc.time import epochs_from_strings, utc_strings, utc_to_tt
 
 RANGERS = ("JIAMUSI", "KASHI", "NEUQUEN")
@@ -69,42 +68,6 @@ def test_one_station_transmits_at_a_time(model, lander_pa_m):
     minutes = np.round(first.plan(model, lander_pa_m).observations.epoch.mjd * 1440.0).astype(int)
     assert set(minutes.tolist()) == set(keys[senders == 0].tolist())
     assert {"JIAMUSI>lander>KASHI", "KASHI>lander>NEUQUEN"} < set(observations.paths().tolist())
-
-
-def test_sessions_of_several_kinds_are_in_order_of_time(model, lander_pa_m):
-    sessions = [
-        Session("vlbi_delay", baselines("SESHAN25", "BJ", "ULMQ"), START, "2020-12-01T16:00", 300.0, 0.5),
-        Session(
-            "doppler",
-            two_way("KS"),
-            START,
-            "2020-12-01T15:40",
-            60.0,
-            1e-3,
-            count_s=60.0,
-            uplink_hz=7.2e9,
-            wavelength_um=35394.6,
-        ),
-    ]
-    plan = Schedule(sessions).plan(model, lander_pa_m, "ce5")
-    observations = plan.observations
-    assert (np.diff(observations.epoch.mjd) >= 0.0).all()
-    assert set(observations.links) == {
-        Link("SESHAN25", "ce5", "MIYUN50", True),
-        Link("SESHAN25", "ce5", "URUMQI", True),
-        Link("MIYUN50", "ce5", "URUMQI", True),
-        Link("KASHI", "ce5", "KASHI"),
-    }
-    doppler = observations.types() == "doppler"
-    assert doppler.sum() == 30
-    assert (observations.count_s[doppler] == 60.0).all()
-    assert np.isnan(observations.count_s[~doppler]).all()
-    assert (observations.sigma_m == np.where(doppler, 1e-3, 0.5)).all()
-    assert (observations.uplink_hz[doppler] == 7.2e9).all()
-    assert set(observations.tags().tolist()) == {"receive"}
-    for i, session in enumerate(sessions):
-        rows = plan.session == i
-        assert (session.epochs().fraction[plan.slot[rows]] == observations.epoch.fraction[rows]).all()
 
 
 @pytest.mark.parametrize(

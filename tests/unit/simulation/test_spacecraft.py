@@ -11,14 +11,7 @@ from radioloc.measurements.exact_predictor import ExactPredictor
 from radioloc.measurements.predictor import reasons
 from radioloc.simulation import (
     Masks,
-    Noise,
-    NoiseModel,
-    Schedule,
-    Session,
-    Truth,
     elevations,
-    simulate,
-    two_way,
     windows,
 )
 from radioloc.time import tai_to_tt
@@ -63,30 +56,3 @@ def test_observations_outside_the_windows_are_behind_the_moon(model, orbiter):
         problem = reasons(predictor, predictor.compute())[1]
         behind = "behind the Moon as seen from KASHI"
         assert problem.tolist() == [behind, "", "", behind]
-
-
-def test_simulated_values_without_noise_are_those_of_the_predictor(model, orbiter):
-    schedule = Schedule(
-        [
-            Session("range", two_way("KASHI"), *HOURS, step_s=120.0, sigma_m=0.5),
-            Session("doppler", two_way("KASHI"), *HOURS, step_s=300.0, sigma_m=0.01, count_s=60.0),
-        ]
-    )
-    truth = Truth(range_bias_m={"KASHI": 3.0}, clock_s={"KASHI": 1e-6})
-    noise = NoiseModel(link={"range": Noise(white_m=0.5), "doppler": Noise(white_m=0.01)})
-    simulated = simulate(schedule, orbiter, truth, noise, model=model, seed=4, name="orbiter")
-    predicted = ExactPredictor(model, simulated.observations, orbiter).compute()
-    assert predicted.usable.all()
-    difference_m = (
-        simulated.observations.value_m
-        - simulated.noise_m
-        - sum(simulated.added_m.values())
-        - predicted.value_m
-    )
-    assert np.abs(difference_m).max() < 1e-6
-    # A clock error of a microsecond shifts the time tags.
-    np.testing.assert_allclose(
-        simulated.added_m["clock"], -1e-6 * predicted.by_time_m_s, rtol=1e-9, atol=1e-12
-    )
-    assert "true trajectory: body -85 of orbiter.bsp" in simulated.summary()
-    assert set(simulated.added_m) == {"clock", "range_bias"}

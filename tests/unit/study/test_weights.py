@@ -2,9 +2,7 @@
 
 import numpy as np
 import pytest
-from paths import EXAMPLES
 
-import radioloc
 from radioloc import Observations
 from radioloc.earth.stations import StationCatalogue
 from radioloc.errors import InputError
@@ -85,33 +83,3 @@ def test_a_noise_of_a_station_without_observations_is_an_error():
         require_stations(observations(), "vlbi_station_sigma_m", ["URUMQI"], CATALOGUE)
     with pytest.raises(InputError, match=r"vlbi_station_sigma_m: .*ATLANTIS"):
         require_stations(observations(), "vlbi_station_sigma_m", ["ATLANTIS"], CATALOGUE)
-
-
-def test_from_the_study_file_to_the_provenance(tmp_path):
-    source = radioloc.read_study(EXAMPLES / "apollo15" / "apollo15.toml")
-    [data, *_] = source.observations.files
-    text = f"""
-[target]
-longitude_deg = 3.62837
-latitude_deg = 26.13333
-height_m = -1922.9
-[observations]
-files = "{data.resolve()}"
-[[observations.weights]]
-type = "range"
-stations = "APOLLO"
-factor = 3
-[[observations.weights]]
-files = "apollo15*"
-extra_sigma_m = 0.02
-"""
-    file = tmp_path / "s.toml"
-    file.write_text(text)
-    study = radioloc.read_study(file)
-    result = radioloc.compute_residuals(study)
-    stated_m = radioloc.read_observations(data).sigma_m
-    np.testing.assert_allclose(result.residuals.sigma_m, np.hypot(3.0 * stated_m, 0.02), rtol=ROUNDING)
-    assert result.provenance["weights"] == [
-        {"type": ("range",), "stations": ("APOLLO",), "factor": 3.0},
-        {"files": ("apollo15*",), "extra_sigma_m": 0.02},
-    ]

@@ -237,6 +237,7 @@ def test_predicted_earth_orientation(model):
     rows = series("KASHI>x>KASHI", "range", tai)
     with pytest.warns(PredictedEopWarning):
         arc = ChebyshevPredictor(predicted_model, rows, APOLLO15)
+    with pytest.warns(PredictedEopWarning):
         exact = ExactPredictor(predicted_model, rows, APOLLO15)
     assert (arc.predicted_eop == exact.predicted_eop).all()
     assert 0 < arc.predicted_eop.sum() < len(rows)

@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.earth.eop import EopTable
-from radioloc.earth.geodesy import rot_itrf_to_enu
-from radioloc.earth.orientation import EarthOrientation
 from radioloc.ephemeris import EarthState, Ephemeris, LunarOrientation
-from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.time import Epochs
 
 _Vectors = NDArray[np.float64]
@@ -101,37 +97,3 @@ class OffsetOrientation(LunarOrientation):
             phi_change * sin_theta * theta_rate - phi_change_rate * np.cos(theta),
         ]
         return angles_rad + np.stack(change, axis=-1), rates_rad_s + np.stack(change_rate, axis=-1)
-
-
-def changed_model(
-    model: PhysicalModel,
-    moon_position_m: tuple[float, ...] = (0.0, 0.0, 0.0),
-    libration_rad: tuple[float, ...] = (0.0, 0.0, 0.0),
-    station_position_m: dict[str, tuple[float, ...]] | None = None,
-    ut1_s: float = 0.0,
-    pole_rad: tuple[float, ...] = (0.0, 0.0),
-) -> PhysicalModel:
-    """Change Moon, stations and Earth orientation of a model, without partials."""
-    table = model.earth.table
-    moved = EopTable(
-        table.mjd_utc,
-        table.xp_rad + pole_rad[0],
-        table.yp_rad + pole_rad[1],
-        table.ut1_minus_utc_s + ut1_s,
-        table.dx_rad,
-        table.dy_rad,
-        table.predicted,
-        table.sources,
-    )
-    catalogue = model.catalogue
-    for name, enu_m in (station_position_m or {}).items():
-        station = catalogue.get(name)
-        itrf_m = station.itrf_m + np.array(enu_m) @ rot_itrf_to_enu(station.itrf_m)
-        catalogue = catalogue.with_station(replace(station, itrf_m=itrf_m))
-    return replace(
-        model,
-        ephemeris=OffsetEphemeris.from_model(model.ephemeris, moon_position_m),
-        libration=OffsetOrientation.from_model(model.libration, libration_rad),
-        earth=EarthOrientation(moved),
-        catalogue=catalogue,
-    )

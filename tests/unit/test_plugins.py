@@ -21,8 +21,7 @@ from radioloc.cli import main
 from radioloc.errors import InputError
 from radioloc.io.formats import READERS
 from radioloc.jobs.workers import open_workers
-from radioloc.measurements import MEASUREMENTS, FixedPoint, Geometry, Part
-from radioloc.measurements.combined_predictor import expanded
+from radioloc.measurements import FixedPoint
 from radioloc.media import MEDIA
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.study import STUDY_TABLES, StudyTable
@@ -273,19 +272,6 @@ def test_noise_of_another_package_weights_the_observations(sliding):
     assert solution.provenance["extensions"] == {"elevation_noise": {"zenith_sigma_m": 0.2}}
 
 
-def test_registration_as_the_first_use_of_the_package(tmp_path):
-    code = """
-import radioloc
-class Shield:
-    name, description, limits_rad = "shield", "a shield", ()
-    def prepare(self, end): ...
-    def delay(self, leg, prepared): ...
-radioloc.register(Shield())
-print("shield" in radioloc.measurements.TERMS)
-"""
-    assert python(tmp_path, "-c", code, cwd=tmp_path).stdout == "True\n"
-
-
 def test_names_of_the_package_and_other_objects_are_not_registered(restored_registries):
     with pytest.raises(InputError, match="'troposphere' is taken"):
         radioloc.register(MEDIA["troposphere"])
@@ -448,15 +434,3 @@ def test_failures_of_registry_entries_are_one_line(entry_type, function, monkeyp
         f"the {entry_type} {name} cannot be used: {function} fails with KeyError: 'radome'; "
         "fix the package that provides it, or leave it out"
     )
-
-
-@pytest.mark.parametrize(
-    "parts",
-    [(), ((1.0, "range"),), (Part(1.0, "twice_the_range", None),), (Part(1.0, "differenced_range", None),)],
-    ids=["none", "a tuple", "an unknown type", "a combined type"],
-)
-def test_parts_that_cannot_be_combined_are_refused(monkeypatch, parts):
-    broken = replace(MEASUREMENTS["range"], geometry=Geometry.COMBINED, parts=lambda link: parts)
-    monkeypatch.setitem(MEASUREMENTS._entries, "range", broken)
-    with pytest.raises(InputError, match=r"range: parts: expected Part"):
-        expanded(radioloc.read_observations(SHORT_ARC.with_suffix(".csv")))

@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 from delay_network import OWN_M, STATION_M, DelayNetwork
 
-from radioloc.errors import InputError
 from radioloc.estimation import USED, Labels
 from radioloc.estimation.editing import fit_with_editing
 from radioloc.estimation.least_squares import fit_least_squares
 from radioloc.estimation.series import SeriesOrder
 from radioloc.estimation.variance_components import fit_with_variance_components
-from radioloc.noise import ALONE, ObservationCovariance, SharedAtEpoch, White
+from radioloc.noise import ALONE
 from radioloc.noise.whitening import column
 
 ROUNDING = 1e-9
@@ -50,16 +49,6 @@ def test_fit_is_generalized_least_squares(network):
     assert result.converged
     assert_generalized(result, network, observed_m)
     assert result.sigma_m == pytest.approx(np.sqrt(np.diag(network.covariance)), rel=1e-14)
-
-
-def test_rows_left_out_drop_out_of_their_blocks(network):
-    observed_m = errors_m(network)
-    used = np.random.default_rng(2).random(len(observed_m)) > 0.4  # leaves blocks of all sizes, of none too
-    assert set(np.bincount(network.epoch[used & (network.epoch != ALONE)], minlength=20)) >= set(range(1, 6))
-    result = fit(network, observed_m, used=used)
-    assert_generalized(result, network.select(used), observed_m[used])
-    # A row seen alone is what it was.
-    assert result.sigma_m == pytest.approx(network.noise.sigma_m, rel=1e-14)
 
 
 def test_six_baselines_of_four_stations_carry_three_delays():
@@ -129,27 +118,3 @@ def test_excess_noise_is_on_the_diagonal():
     of_delays = fit.noise.whitener(delays).whitened(column(fit.residual_m))
     dof = round(delays.sum() * (1.0 - 3.0 / len(delays)))
     assert sum(float(np.square(part).sum()) for part in of_delays) == pytest.approx(dof, rel=5e-3)
-
-
-def shared_of(count=2, effect_m=1.0):
-    """Differences of the errors of two sources."""
-    effects_m = np.tile([-effect_m, effect_m], (count, 1))
-    return SharedAtEpoch(np.zeros(count, dtype=int), np.tile([0, 1], (count, 1)), effects_m)
-
-
-@pytest.mark.parametrize(
-    ("white_m", "shared", "words"),
-    [
-        ([1.0, 0.0], {}, "sigma of observation 1 is 0.0 m"),
-        ([1.0, 1.0], {"count": 3}, r"expected equal numbers of observations, got \[2, 3\]"),
-        ([1.0, 1.0], {"effect_m": math.inf}, "an effect of a shared error is not finite"),
-        ([1e-6, 1e-7], {"count": 2}, "sigma of observation 1 is 1e-07 m, too small beside the error"),
-    ],
-)
-def test_unusable_noise_is_refused(white_m, shared, words):
-    def whitener():
-        terms = [shared_of(**shared)] if shared else []
-        return ObservationCovariance((White(np.array(white_m)), *terms)).whitener()
-
-    with pytest.raises(InputError, match=words):
-        whitener()

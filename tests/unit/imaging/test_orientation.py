@@ -5,7 +5,7 @@ import pytest
 from paths import ISDS
 
 from radioloc.errors import InputError
-from radioloc.imaging import ConstantOrientation, TabulatedOrientation, read_isd
+from radioloc.imaging import TabulatedOrientation, read_isd
 from radioloc.imaging.orientation import (
     matrices_from_quaternions,
     quaternions_from_matrices,
@@ -93,18 +93,3 @@ def test_rotations_of_angles():
     assert turned[0] @ [0, 1, 0] == pytest.approx([0, 0, 1])
     assert turned[1] @ [0, 0, 1] == pytest.approx([1, 0, 0])
     assert turned[2] @ [1, 0, 0] == pytest.approx([0, 1, 0])
-
-
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (lambda: ConstantOrientation([0.0, 1.0], np.eye(3)), "position_m"),
-        (lambda: table(np.array([0.0, 1.0, 1.0]), np.zeros((3, 3))), "two or more rising times"),
-        (lambda: table(np.arange(3.0), np.zeros((4, 3))), "one for each of positions_m"),
-        (lambda: TabulatedOrientation(np.arange(2.0), np.zeros((2, 3)), np.arange(2.0), np.ones((2, 4))),
-         "quaternions: expected unit length"),
-    ],
-)  # fmt: skip
-def test_invalid_arguments_are_refused(make, message):
-    with pytest.raises(InputError, match=message):
-        make()

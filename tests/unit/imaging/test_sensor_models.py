@@ -13,7 +13,6 @@ from radioloc.imaging import (
     ConstantOrientation,
     FrameModel,
     Sphere,
-    TabulatedOrientation,
     read_isd,
 )
 from radioloc.imaging.ground_points import image_to_ground, image_to_ground_and_partials
@@ -155,21 +154,6 @@ def test_lines_of_two_rates():
     assert two.lines_at(times)[0] == pytest.approx(lines, abs=1e-9)
     pixels = np.array([[10.0, 50.0], [3000.0, 180.0]])
     assert two.project(image_to_ground(two, pixels, Sphere())).pixels == pytest.approx(pixels, abs=1e-6)
-
-
-def test_lines_after_the_end_of_the_table_are_refused():
-    model = MODELS["lro"]()
-    orientation = model.orientation
-    cut = TabulatedOrientation(
-        orientation.position_times_s[:200],
-        orientation.positions_m[:200],
-        orientation.rotation_times_s,
-        orientation.quaternions,
-    )
-    short = replace(model, orientation=cut)
-    with pytest.raises(InputError, match="camera's orientation covers"):
-        image_to_ground(short, [[10.0, 300.0]], Sphere())
-    assert not short.project(image_to_ground(model, [[10.0, 300.0]], Sphere())).visible[0]
 
 
 @pytest.mark.parametrize(

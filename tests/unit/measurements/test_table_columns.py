@@ -13,7 +13,7 @@ from paths import EXAMPLES
 import radioloc
 from radioloc import Observations
 from radioloc.constants import C_M_S
-from radioloc.errors import InputError
+from radioloc.errors import DataQualityWarning, InputError
 from radioloc.io.table import read_parquet, write_parquet
 from radioloc.measurements import Link
 from radioloc.measurements.table_columns import UNITS
@@ -227,3 +227,9 @@ def test_columns_of_mixed_types():
     for table in (mixed, pandas.DataFrame(mixed)):
         with pytest.raises(InputError, match="path"):
             Observations.from_table(table)
+
+
+def test_duplicate_rows_are_removed():
+    duplicated = {name: [column[0]] * 2 for name, column in COLUMNS.items()}
+    with pytest.warns(DataQualityWarning, match="duplicate"):
+        assert len(Observations.from_table(duplicated)) == 1

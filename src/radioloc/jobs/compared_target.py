@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.dynamics import AdjustableOrbit, Orbit
+from radioloc.jobs.gravity_errors import GravityErrorOrbits, own_gravity_errors
 from radioloc.jobs.linear_trials import Compared
-from radioloc.jobs.problem import ArcPart, EstimationProblem, GravityErrorOrbits, own_gravity_errors
+from radioloc.jobs.problem import ArcPart, EstimationProblem
 from radioloc.lunar import rot_pa_to_me
 from radioloc.lunar.local import local_difference, rot_pa_to_enu
 from radioloc.parameters.parameter import ParameterSet

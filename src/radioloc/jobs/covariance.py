@@ -17,6 +17,7 @@ from radioloc.dynamics import AdjustableOrbit
 from radioloc.earth.stations import StationCatalogue
 from radioloc.errors import InputError
 from radioloc.estimation.consider import owner
+from radioloc.jobs.gravity_errors import GravityErrorOrbits
 from radioloc.jobs.notes import notes_of_plan
 from radioloc.jobs.one_thread import on_one_blas_thread
 from radioloc.jobs.planned_fit import PlannedFit
@@ -24,7 +25,6 @@ from radioloc.jobs.preparation import build_model, planned_arc, prepared_arc
 from radioloc.jobs.problem import (
     ArcPart,
     EstimationProblem,
-    GravityErrorOrbits,
     arc_parts,
     require_position_or_orbit,
 )
@@ -128,7 +128,7 @@ def _study_of_target(
         improvements=tuple(sorted(improvements, key=lambda item: item.radius_95_m)),
         reach_m=reach_m,
         reach_h=None if reach_m is None else _reach_h(plan, arcs, reach_m, target),
-        notes=(*plan.notes, *longest.part.problem.considered.notes),
+        notes=(*plan.notes, *longest.part.problem.notes),
     )
 
 
@@ -166,7 +166,7 @@ class _Plan:
             if like is None
             else like.with_gravity_errors
         )
-        suboptimal = [item for _, items in problem.considered.suboptimal for item in items]
+        suboptimal = [item for _, items in problem.suboptimal for item in items]
         notes += notes_of_plan(arc, left_out, [*problem.model.parameters, *suboptimal])
         return cls(study, problem, usable, tuple(notes), orbits, errors)
 

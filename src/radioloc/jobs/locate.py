@@ -17,12 +17,13 @@ from radioloc.estimation.editing import EditedFit, fit_with_editing, with_reason
 from radioloc.estimation.phase_editing import PhaseCounts, phase_faults
 from radioloc.estimation.status import Doubt, FitStatus
 from radioloc.estimation.variance_components import fit_with_variance_components
+from radioloc.jobs.gravity_errors import GravityErrorOrbits, orbit_states
 from radioloc.jobs.mistakes import with_mistake
 from radioloc.jobs.notes import axes_doubts, model_limitations, provenance, study_notes
 from radioloc.jobs.one_thread import on_one_blas_thread
 from radioloc.jobs.orbit_start import initial_orbit
 from radioloc.jobs.preparation import known_positions, prepared_arc, with_model_of_caller
-from radioloc.jobs.problem import EstimationProblem, GravityErrorOrbits, orbit_states, with_weights
+from radioloc.jobs.problem import EstimationProblem, with_weights
 from radioloc.jobs.station_doubts import coordinate_doubts
 from radioloc.jobs.stochastic import StochasticProblem
 from radioloc.jobs.usability import usability
@@ -228,7 +229,7 @@ def _solution(fitted: _Fitted, consistency: bool) -> Solution:
         ephemeris_sigma_enu_m=np.zeros(3) if estimate is None else np.array(estimate.ephemeris_sigma_m),
         name=study.name,
         considered=fitted.suboptimal,
-        candidates=problem.candidate_errors(model, x) if consistency and estimate is not None else None,
+        candidates=problem.fixed_parameter_errors(model, x) if consistency and estimate is not None else None,
         trajectory=None if places else str(arc.trajectories[0]),
         targets=several,
         limitations=model_limitations(arc),
@@ -250,7 +251,7 @@ def _completed(fitted: _Fitted, solution: Solution, left_out: dict[str, int]) ->
     notes = [*coordinate_doubts(arc, problem.start, fitted.edited.fit.used, fitted.fits)]
     considered = None if solution.consider is None else solution.consider.parameters
     notes += study_notes(study, arc, left_out, estimate, fitted.edited, considered)
-    notes += problem.considered.notes
+    notes += problem.notes
     if model.place_indices:
         notes += axes_doubts(study, solution, constants)
     if estimate is not None:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from radioloc.estimation.consider import few_errors
 from radioloc.estimation.robust import linear_problem
 from radioloc.jobs.compared_target import ComparedTarget, true_parameters
+from radioloc.jobs.gravity_errors import GravityErrorOrbits
 from radioloc.jobs.linear_trials import (
     LinearArc,
     LinearTrials,
@@ -31,7 +32,6 @@ from radioloc.jobs.preparation import build_model, planned_arc
 from radioloc.jobs.problem import (
     ArcPart,
     EstimationProblem,
-    GravityErrorOrbits,
     arc_parts,
     considered_errors,
     require_position_or_orbit,

@@ -2,7 +2,7 @@
 
 Names that end in a unit (``step_s``, ``by_station_deg``) take a ``Quantity`` of any unit that converts into it; ``tt``,
 ``tdb``, ``epochs`` and names that end in ``_utc`` take a ``Time`` of any scale. Other values are unchanged.
-Inside the library there are only floats in SI units and epochs.
+Inside the library there are only floats in SI units and epochs. Tables of results have units and times again.
 """
 
 from __future__ import annotations
@@ -11,18 +11,57 @@ import inspect
 from collections.abc import Callable, Mapping
 from dataclasses import fields
 from functools import wraps
-from typing import TYPE_CHECKING, Any, ParamSpec, TypeAlias, TypeVar
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, Literal, ParamSpec, TypeAlias, TypeVar
 
 import numpy as np
 
 from radioloc.constants import J2000_JD, SECONDS_PER_DAY
 from radioloc.errors import InputError
+from radioloc.lazy import optional
 from radioloc.time import Epochs, to_scale, utc_strings
+from radioloc.time.dates import utc_datetimes
 from radioloc.units import argument_unit, as_metres, in_unit, set_fields
 
 if TYPE_CHECKING:
     from astropy.time import Time
     from astropy.units import Quantity
+
+TableForm = Literal["astropy", "pandas"]
+
+
+def as_table(
+    columns: Mapping[str, Any], form: TableForm, units: Mapping[str, str | None] = MappingProxyType({})
+) -> Any:
+    """Return columns as a QTable of astropy or a DataFrame of pandas (UTC to the nanosecond, no leap second)."""
+    if form == "astropy":
+        from astropy.table import QTable
+        from astropy.units import Quantity
+
+        return QTable(
+            {
+                name: _with_unit(Quantity, units.get(name) or argument_unit(name), column)
+                for name, column in columns.items()
+            }
+        )
+    if form == "pandas":
+        pandas = optional("pandas", "a table of pandas needs pandas:", "notebook")
+        return pandas.DataFrame(
+            {
+                name: pandas.DatetimeIndex(utc_datetimes(column), tz="UTC")
+                if isinstance(column, Epochs)
+                else column
+                for name, column in columns.items()
+            }
+        )
+    raise InputError(f"expected a table of astropy or pandas, got {form!r}")
+
+
+def _with_unit(quantity: Any, unit: str | None, column: Any) -> Any:
+    if isinstance(column, Epochs):
+        return column.to_time()
+    return column if unit is None else quantity(column, unit)
+
 
 EpochsLike: TypeAlias = "Epochs | Time"
 """Epochs, or an astropy ``Time`` of any scale."""

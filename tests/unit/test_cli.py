@@ -357,9 +357,9 @@ def test_verbose_says_what_is_done_on_standard_error(run):
 def test_completion_in_bash(tmp_path, capsys):
     assert cli.main(["completion", "bash"]) == 0
     (tmp_path / "script").write_text(capsys.readouterr().out)
-    ask = 'source ./script; COMP_WORDS=(radioloc locate --si); COMP_CWORD=2; _shtab_radioloc; echo "${COMPREPLY[@]}"'
+    ask = 'source ./script; COMP_WORDS=(radioloc locate --ter); COMP_CWORD=2; _shtab_radioloc; echo "${COMPREPLY[@]}"'
     done = subprocess.run(["bash", "-c", ask], cwd=tmp_path, capture_output=True, text=True, timeout=60)
-    assert done.stdout == "--sinex\n"
+    assert done.stdout == "--terms\n"
 
 
 def test_frames_have_the_iau_s_axes_at_an_epoch_and_lead_back(capsys):

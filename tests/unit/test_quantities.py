@@ -12,7 +12,7 @@ from radioloc.ephemeris import Ephemeris, LunarOrientation
 from radioloc.errors import InputError
 from radioloc.io import TdmAgreement
 from radioloc.lunar import LunarPosition, rot_icrf_to_iau_moon
-from radioloc.lunar.visibility import hidden_by_moon
+from radioloc.lunar.frames import hidden_by_moon
 from radioloc.measurements import EquipmentDelays, StationDelay
 from radioloc.media import UniformTec
 from radioloc.simulation import Masks, Noise, Session, Truth, elevations, two_way, windows

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from radioloc._version import __version__
-from radioloc.cli import files, fitting, lookups, planning, predictions, starting
+from radioloc.cli import files, fitting, lookups, planning, predictions
 from radioloc.cli.command import Command, Layout, Parser, flag
 from radioloc.cli.output import EXIT_STATUS
 from radioloc.plugins import Registry, entry_errors
@@ -12,7 +12,7 @@ COMMANDS = Registry(
     "radioloc.commands",
     Command,
     (
-        starting.new,
+        lookups.new,
         *(fitting.locate, fitting.residuals, fitting.arcs, fitting.leave_one_out),
         *(planning.simulate, planning.covariance, planning.monte_carlo),
         *(predictions.visibility, predictions.light_time),

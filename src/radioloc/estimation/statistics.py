@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from radioloc.errors import InputError
 from radioloc.labels import USED, Labels, changed
 from radioloc.parameters.columns import PASS_GAP_H
-from radioloc.tables import TableForm, as_table
+from radioloc.quantities import TableForm, as_table
 from radioloc.text_files import finite_or_none
 from radioloc.time import Epochs, utc_strings
 from radioloc.units import set_fields

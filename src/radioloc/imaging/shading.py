@@ -14,10 +14,10 @@ from numpy.typing import ArrayLike, NDArray
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.errors import InputError
 from radioloc.lunar import TerrainModel
+from radioloc.lunar.frames import sun_me_m
 from radioloc.lunar.map_files import new_geotiff, open_dataset
 from radioloc.lunar.maps import Map, TangentPlane
 from radioloc.lunar.terrain_source import heights_m
-from radioloc.lunar.visibility import sun_me_m
 from radioloc.time import Epochs, utc_strings
 from radioloc.vectors import Floats
 

@@ -12,7 +12,6 @@ from collections.abc import Sequence
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import Any
-from zipfile import ZIP_STORED, ZipFile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -97,28 +96,16 @@ class TrialFolder:
         return out
 
     def _read(self, path: Path) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-        """Read numbers of trials and their results; shapes and types are checked before anything is allocated."""
-        arrays: dict[str, NDArray[Any]] = {}
-        with ZipFile(path) as archive:
-            for name, kind, dimensions in (("trials", "i", 1), ("values", "f", 3), ("columns", "U", 1)):
-                member = archive.getinfo(f"{name}.npy")
-                # Without compression no array is larger than the file.
-                if member.compress_type != ZIP_STORED:
-                    raise ValueError(f"{name} is compressed")
-                with archive.open(member) as stream:
-                    np.lib.format.read_magic(stream)
-                    shape, by_columns, dtype = np.lib.format.read_array_header_1_0(stream)
-                    if dtype.kind != kind or len(shape) != dimensions or by_columns:
-                        raise ValueError(f"{name} is an array of {dtype} and shape {shape}")
-                    arrays[name] = np.frombuffer(stream.read(), dtype).reshape(shape)
-        trials, values, columns = arrays["trials"], arrays["values"].astype(np.float64), arrays["columns"]
+        """Read numbers of trials and their results."""
+        with np.load(path) as archive:
+            trials, values, columns = (archive[name] for name in ("trials", "values", "columns"))
         if tuple(columns.tolist()) != self._columns:
             raise ValueError("the columns are not those of the study")
         if values.shape != (len(trials), len(self._hours), len(self._columns)):
             raise ValueError(f"{values.shape} numbers do not fit {trials.shape} trials")
         if len(np.unique(trials)) < len(trials) or (trials < 0).any():
             raise ValueError("numbers of trials are negative or repeated")
-        return trials.astype(np.int64), values
+        return trials.astype(np.int64), values.astype(np.float64)
 
     def add(self, way: str, trials: Sequence[int], values: NDArray[np.float64]) -> None:
         """Keep results of some trials, (trials, arcs, columns)."""

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from radioloc.constants import SECONDS_PER_DAY
 from radioloc.labels import USED, Labels
-from radioloc.lunar.visibility import earth_elevation_rad
+from radioloc.lunar.frames import earth_elevation_rad
 from radioloc.measurements.predictor import Predictor, blocks, reasons
 from radioloc.measurements.target_motion import Motions
 from radioloc.media.status import Status

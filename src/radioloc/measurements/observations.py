@@ -22,24 +22,22 @@ from radioloc.measurements.link import Link
 from radioloc.measurements.measurement_type import TIME_TAGS
 from radioloc.measurements.ramps import Ramps
 from radioloc.measurements.registry import KINDS, MEASUREMENTS, is_integrated, kind_of
-from radioloc.measurements.resolution import (
+from radioloc.measurements.table_columns import (
     MIN_RANGE_RATE_M_S,
     RELATIVE_STEP,
-    epoch_step_s,
-    is_single_precision,
-    single_precision_step_m,
-)
-from radioloc.measurements.table_columns import (
     UNITS,
     as_codes,
     as_column,
     codes_of_names,
     columns_of_table,
+    epoch_step_s,
+    is_single_precision,
     recoded,
     require_lunar_flight_times,
+    single_precision_step_m,
     unique_items,
 )
-from radioloc.tables import TableForm, as_table
+from radioloc.quantities import TableForm, as_table
 from radioloc.time import Epochs, to_scale, utc_strings
 from radioloc.vectors import Floats
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.earth.stations import Station
-from radioloc.lunar.visibility import hidden_by_moon
+from radioloc.lunar.frames import hidden_by_moon
 from radioloc.media.status import Status, first_failure
 from radioloc.plugins import entry_errors
 from radioloc.time import Epochs

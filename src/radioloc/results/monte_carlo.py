@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from radioloc.errors import InputError
 from radioloc.lunar.local import EAST_NORTH_UP
 from radioloc.parameters.registry import PARAMETERS
+from radioloc.quantities import TableForm, as_table
 from radioloc.results.cards import Card, Field, metres, plural
 from radioloc.results.names import parameter_name
 from radioloc.results.result import Content, Result, Table
-from radioloc.tables import TableForm, as_table
 from radioloc.targets.orbit_state import ALONG_ACROSS_RADIAL
 from radioloc.units import ASTROPY_UNITS, argument_unit
 from radioloc.vectors import Floats

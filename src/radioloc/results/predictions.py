@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from radioloc.estimation.statistics import finite_or_none
 from radioloc.labels import Labels
+from radioloc.quantities import TableForm, as_table
 from radioloc.results.cards import Card, Field, more, plural
 from radioloc.results.result import Result
-from radioloc.tables import TableForm, as_table
 from radioloc.time import Epochs, utc_strings
 
 _MAX_ROWS = 12

@@ -38,10 +38,10 @@ from radioloc.lunar.local import EAST_NORTH_UP
 from radioloc.lunar.position import LunarPosition
 from radioloc.lunar.selenographic import cartesian_to_selenographic, east_north_up
 from radioloc.parameters.parameter import ParameterSet
+from radioloc.quantities import TableForm, as_table
 from radioloc.results.cards import Card
 from radioloc.results.result import Content, OrbitFile, Result
 from radioloc.results.tables import by_axis, finite, place_record, residual_table
-from radioloc.tables import TableForm, as_table
 from radioloc.targets.orbit_state import OrbitState
 from radioloc.units import set_fields
 from radioloc.vectors import Floats

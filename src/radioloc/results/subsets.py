@@ -23,6 +23,7 @@ from radioloc.lunar.local import EAST_NORTH_UP
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.link import Link
 from radioloc.parameters.parameter import Parameter
+from radioloc.quantities import TableForm, as_table
 from radioloc.results.cards import (
     OBSERVABILITY,
     RESIDUALS,
@@ -52,7 +53,6 @@ from radioloc.results.tables import (
     position_files,
     residual_table,
 )
-from radioloc.tables import TableForm, as_table
 from radioloc.targets.orbit_state import RTN, OrbitState
 from radioloc.time import utc_strings
 

@@ -19,7 +19,7 @@ import numpy as np
 from radioloc.constants import C_M_S, MEAN_LUNAR_RADIUS_M
 from radioloc.dynamics.elements import equatorial_axes, plane_deg
 from radioloc.errors import InputError
-from radioloc.jobs.orbit_steps import OrbitPart, fitted_state, turned_state
+from radioloc.jobs.orbit_start import OrbitPart, fitted_state, turned_state
 from radioloc.measurements.exact_predictor import ExactPredictor
 from radioloc.measurements.observations import DOPPLER, Observations
 from radioloc.measurements.physical_model import PhysicalModel

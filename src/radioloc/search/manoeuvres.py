@@ -19,8 +19,7 @@ from numpy.typing import NDArray
 from radioloc.dynamics import AdjustableOrbit, Impulse
 from radioloc.errors import RadiolocError
 from radioloc.estimation.statistics import robust_scale
-from radioloc.jobs.orbit_start import REACH_FACTOR, StagedStart
-from radioloc.jobs.orbit_steps import OrbitPart, fitted_state
+from radioloc.jobs.orbit_start import REACH_FACTOR, OrbitPart, StagedStart, fitted_state
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.registry import is_integrated

@@ -13,8 +13,7 @@ from typing import Any
 import numpy as np
 
 from radioloc.dynamics import Impulse
-from radioloc.earth.reference_frames import frames
-from radioloc.earth.stations import Station, StationCatalogue
+from radioloc.earth.stations import Station, StationCatalogue, frames
 from radioloc.errors import InputError, StationError, require_type
 from radioloc.io.frequencies import FrequencyAgreement, read_sites
 from radioloc.measurements.link import canonical_target

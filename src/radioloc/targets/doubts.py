@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from radioloc.constants import LUNAR_HEIGHT_LIMITS_M, MEAN_LUNAR_RADIUS_M
 from radioloc.estimation.status import Doubt, FitStatus
-from radioloc.lunar.visibility import earth_elevation_rad
+from radioloc.lunar.frames import earth_elevation_rad
 from radioloc.measurements.predictor import Predictor
 from radioloc.time import tt_to_tdb, utc_to_tt
 from radioloc.vectors import Floats

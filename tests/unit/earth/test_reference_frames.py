@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from radioloc.earth.reference_frames import frames, to_itrf2020
-from radioloc.earth.stations import StationCatalogue
+from radioloc.earth.stations import StationCatalogue, frames, to_itrf2020
 from radioloc.time import Epochs
 
 PLACE_M = np.array([-2354906.711, -4646840.095, 3669242.325])

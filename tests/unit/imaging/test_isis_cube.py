@@ -12,7 +12,7 @@ from paths import ISDS
 from radioloc.errors import FileFormatError
 from radioloc.imaging import Sphere, read_isd
 from radioloc.imaging.ground_points import image_to_ground
-from radioloc.lunar.visibility import sun_me_m
+from radioloc.lunar.frames import sun_me_m
 from radioloc.time import Epochs
 
 REAL = FOLDER / "M143947267L.cal.echo.crop.cub"

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from radioloc.ephemeris import Ephemeris, LunarOrientation
+from radioloc.lunar.frames import earth_elevation_rad
 from radioloc.lunar.position import LunarPosition
-from radioloc.lunar.visibility import earth_elevation_rad
 from radioloc.time import Epochs, epochs_from_strings
 
 EPHEMERIS, LIBRATION = Ephemeris.open(), LunarOrientation.open()

@@ -11,7 +11,7 @@ from radioloc import Observations, read_observations
 from radioloc.constants import C_M_S
 from radioloc.errors import DataQualityWarning, InputError
 from radioloc.measurements import Ramps
-from radioloc.measurements.resolution import epoch_step_s
+from radioloc.measurements.table_columns import epoch_step_s
 from radioloc.time import Epochs, epochs_from_strings
 
 RANGES_M = 789105214.865138 - 39867.727 * np.arange(12.0) + 3.1 * np.arange(12.0) ** 2

@@ -12,7 +12,7 @@ import radioloc
 from radioloc.dynamics import Forces, GravityField
 from radioloc.dynamics.elements import equatorial_axes, plane_deg
 from radioloc.errors import InputError
-from radioloc.jobs.orbit_steps import turned_state
+from radioloc.jobs.orbit_start import turned_state
 from radioloc.search import search
 from radioloc.search.first_orbit import Candidate, first_orbits, is_ambiguous
 from radioloc.study.orbiter import Orbiter, RoughOrbit

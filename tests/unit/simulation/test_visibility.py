@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from radioloc.lunar.frames import hidden_by_moon
 from radioloc.lunar.position import LunarPosition
-from radioloc.lunar.visibility import hidden_by_moon
 from radioloc.simulation import Masks, Schedule, Session, elevations, two_way, windows
 from radioloc.time import Epochs, epochs_from_strings, utc_strings, utc_to_tt
 

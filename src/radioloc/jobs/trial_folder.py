@@ -97,7 +97,7 @@ class TrialFolder:
 
     def _read(self, path: Path) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
         """Read numbers of trials and their results."""
-        with np.load(path) as archive:
+        with path.open("rb") as stream, np.load(stream) as archive:
             trials, values, columns = (archive[name] for name in ("trials", "values", "columns"))
         if tuple(columns.tolist()) != self._columns:
             raise ValueError("the columns are not those of the study")

@@ -19,7 +19,6 @@ from pathlib import Path
 from typing import Any
 
 from radioloc.errors import visible
-from radioloc.estimation.statistics import Residuals
 from radioloc.units import set_fields
 
 RESULT, POSITION, RESIDUALS, BUDGET = "Result", "Position", "Residuals", "Error budget"
@@ -282,11 +281,6 @@ def duration(seconds: float) -> str:
     if seconds < 0.95 * 3600.0:
         return f"{seconds / 60.0:.1f} min"
     return f"{seconds / 3600.0:.1f} h" if seconds < 72.0 * 3600.0 else f"{seconds / 86400.0:.1f} days"
-
-
-def have_paths(rows: Residuals) -> bool:
-    """Return whether the paths are those of observations, not names of stations."""
-    return all(">" in path for path in rows.paths.present())
 
 
 def _wrapped(lines: Iterable[str]) -> list[str]:

@@ -1,22 +1,20 @@
-"""Part of a solution's card on the observations: counts, residuals, rejections and reliability."""
+"""Card of a solution, part on the observations: span, residual statistics, findings and rejected observations."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections import defaultdict
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.constants import SECONDS_PER_DAY
 from radioloc.estimation.consistency_results import ConsistencyTest
-from radioloc.estimation.hypotheses import ALL, TERM
-from radioloc.estimation.reliability import POWER, Reliability
-from radioloc.estimation.statistics import Residuals, chi2_quantile
+from radioloc.estimation.statistics import GroupStatistics, Residuals, chi2_quantile
 from radioloc.labels import Labels
 from radioloc.measurements.link import Link
-from radioloc.measurements.registry import KINDS
-from radioloc.parameters.registry import PARAMETERS
 from radioloc.results.cards import (
     REJECTED,
     RESIDUALS,
@@ -24,7 +22,6 @@ from radioloc.results.cards import (
     Field,
     duration,
     first_lines,
-    have_paths,
     in_section,
     metres,
     more,
@@ -32,7 +29,8 @@ from radioloc.results.cards import (
     signed_metres,
     table,
 )
-from radioloc.results.names import link_names, parameter_name, source_name
+from radioloc.results.names import link_names
+from radioloc.results.reliability_card import reliability_lines
 from radioloc.results.solution import Solution
 from radioloc.time import utc_strings
 
@@ -42,50 +40,41 @@ _MAX_LINK_ROWS = 12  # six baselines of four stations, and some links of ranges
 _MAX_REJECTED = 3
 _MAX_UNFOLDED, _MAX_PAGE_ROWS = 20, 300  # rows of rejected observations on a page
 _MAX_SERIES = 3
-_SPLIT_SIGNIFICANCE_LEVEL = 1e-3  # for all pairs of links of a card together
-_ONE_SIGMA_PROBABILITY = 0.683
-_MIN_CORRELATION_FACTOR = 1.05
-_MIN_ADVISED_FACTOR = 3.0
-"""Growth of the sigma above which correlated weights give a much better estimate."""
+_RANGE_SIGNIFICANCE_LEVEL = 1e-3  # for all pairs of links of a card together
+_ELLIPSOID_PROBABILITY = 0.683
+_MIN_CORRELATION_FACTOR = 1.05  # growth of the sigma by time correlation that the card states
+_MIN_ADVISED_FACTOR = 3.0  # growth above which correlated weights give a much better estimate
 
 
 def fit_fields(solution: Solution) -> Iterator[Field]:
-    """Yield the fields of the card, in order."""
+    """Yield the fields on observations, fit, time correlation, findings, residuals and rejected observations."""
     yield from in_section(
         RESIDUALS,
-        Field("data", _data(solution)),
-        Field("fit", _fit(solution)),
-        _correlated_series(solution),
-        Field("misfit", findings(solution, outside_ellipsoid=False)),
+        Field("data", _data_lines(solution.residuals)),
+        Field("fit", _fit_lines(solution)),
+        _correlation_field(solution),
+        Field("misfit", finding_lines(solution, outside_ellipsoid=False)),
         Field("reliability", reliability_lines(solution.consistency.reliability)),
-        *_groups(solution),
+        *_residual_fields(solution),
     )
-    yield Field("rejected", _largest_rejected(solution), section="")
+    yield Field("rejected", _rejected_lines(solution.residuals), section="")
 
 
 def rejected_detail(solution: Solution) -> Detail:
     """Return the rejected observations as a table."""
     residuals, count = solution.residuals, solution.fit.total.rejected
-    order = _rejected(solution)[:_MAX_PAGE_ROWS]
-    sizes = (f"{value:.4g}" for value in residuals.residual_m[order])
+    order = _rejected_rows(residuals)[:_MAX_PAGE_ROWS]
     epochs = utc_strings(residuals.epoch_utc[order], decimals=0)
-    rows = list(zip(epochs, _links(residuals)[order], sizes, residuals.statuses[order], strict=True))
-    heading = ("UTC", "link", "residual, m", "reason")
+    sizes = (f"{value:.4g}" for value in residuals.residual_m[order])
+    rows = list(zip(epochs, _link_labels(residuals)[order], sizes, residuals.statuses[order], strict=True))
     title = f"{len(rows)} of {count}" if count > len(rows) else "All"
-    table = Field("", (), heading, rows)
-    return Detail(REJECTED, f"{title}, the largest residuals first", (table,), count <= _MAX_UNFOLDED)
+    field = Field("", (), ("UTC", "link", "residual, m", "reason"), rows)
+    return Detail(REJECTED, f"{title}, the largest residuals first", (field,), count <= _MAX_UNFOLDED)
 
 
-def inconsistent(solution: Solution, *, outside_ellipsoid: bool) -> Iterator[ConsistencyTest]:
-    """Yield the inconsistencies that move the position out of its 68 % ellipsoid, or all others."""
-    for item in solution.consistency.findings:
-        if outside_ellipsoid == _leaves_ellipsoid(solution, item.shift_enu_m):
-            yield item
-
-
-def findings(solution: Solution, *, outside_ellipsoid: bool) -> Iterator[str]:
-    """Yield the inconsistencies that move the position out of its ellipsoid, or others, and the adapted position."""
-    texts = [str(item) for item in inconsistent(solution, outside_ellipsoid=outside_ellipsoid)]
+def finding_lines(solution: Solution, *, outside_ellipsoid: bool) -> Iterator[str]:
+    """Yield the findings that move the position out of its 68 % ellipsoid, or all others, and the adapted position."""
+    texts = [str(item) for item in select_findings(solution, outside_ellipsoid=outside_ellipsoid)]
     yield from (f"WARNING: {text}" if outside_ellipsoid else text for text in texts)
     adapted, count = solution.with_findings(), len(solution.consistency.findings)
     if adapted is None or not texts or not (outside_ellipsoid or len(texts) == count):
@@ -98,32 +87,44 @@ def findings(solution: Solution, *, outside_ellipsoid: bool) -> Iterator[str]:
     )
 
 
-def _leaves_ellipsoid(solution: Solution, shift_enu_m: tuple[float, float, float] | None) -> bool:
-    """Return whether a shift, None for a moving target, leaves the 68 % ellipsoid of a determined position."""
+def select_findings(solution: Solution, *, outside_ellipsoid: bool) -> Iterator[ConsistencyTest]:
+    """Yield the findings that move the position out of its 68 % ellipsoid, or all others."""
+    for finding in solution.consistency.findings:
+        if outside_ellipsoid == _is_outside_ellipsoid(solution, finding.shift_enu_m):
+            yield finding
+
+
+def _is_outside_ellipsoid(solution: Solution, shift_enu_m: tuple[float, float, float] | None) -> bool:
+    """Return whether d^T P^-1 d of a shift d exceeds the 68 % quantile of chi-square.
+
+    P is the covariance of a determined position without the findings; a moving target has no shift.
+    """
     if shift_enu_m is None or not solution.position_determined:
         return False
     shift_m, covariance_m2 = np.array(shift_enu_m), solution.position_covariance()
-    if (adapted := solution.consistency.adapted) is not None:  # the ellipsoid without the findings
+    if (adapted := solution.consistency.adapted) is not None:
         joint_shift_m = solution.enu_partials @ adapted.shift
         covariance_m2 = covariance_m2 - np.outer(joint_shift_m, joint_shift_m)
     dof = int(np.linalg.matrix_rank(covariance_m2, hermitian=True))  # a fixed direction has zero variance
     chi2 = float(shift_m @ np.linalg.pinv(covariance_m2, hermitian=True) @ shift_m)
-    return dof > 0 and chi2 > chi2_quantile(_ONE_SIGMA_PROBABILITY, dof)
+    return dof > 0 and chi2 > chi2_quantile(_ELLIPSOID_PROBABILITY, dof)
 
 
-def _data(solution: Solution) -> Iterator[str]:
-    rows = solution.residuals
-    if not len(rows):
+def _data_lines(residuals: Residuals) -> Iterator[str]:
+    """Yield number, stations and time span of the observations."""
+    epochs = residuals.epoch_utc
+    if not len(residuals):
         yield "no observations"
         return
-    ends = rows.epoch_utc[np.lexsort((rows.epoch_utc.fraction, rows.epoch_utc.jd))[[0, -1]]]
+    ends = epochs[np.lexsort((epochs.fraction, epochs.jd))[[0, -1]]]
     span_s = SECONDS_PER_DAY * float(np.diff(ends.jd)[0] + np.diff(ends.fraction)[0])
-    stations = plural(len(_ends(rows)), "station")
-    yield f"{plural(len(rows), 'observation')} from {stations} over {duration(span_s)},"
+    stations = plural(len(_stations(residuals)), "station")
+    yield f"{plural(len(residuals), 'observation')} from {stations} over {duration(span_s)},"
     yield f"{' to '.join(utc_strings(ends, decimals=0))} UTC"
 
 
-def _fit(solution: Solution) -> Iterator[str]:
+def _fit_lines(solution: Solution) -> Iterator[str]:
+    """Yield counts and wrms, noise beyond the stated sigmas, and the test of chi-square."""
     fit = solution.fit
     line = f"{fit.total.used} used, {fit.total.rejected} rejected"
     # Ranges and Doppler, both in metres, have no common rms.
@@ -151,80 +152,91 @@ def _fit(solution: Solution) -> Iterator[str]:
     yield line
 
 
-def _correlated_series(solution: Solution) -> Field:
-    """Series whose residuals are correlated in time, the least informative first, and the effect on sigma."""
+def _correlation_field(solution: Solution) -> Field:
+    """Return the series with time-correlated residuals, the least informative first, and the effect on sigma."""
     if solution.time_correlation is None:
         return Field("correlated")
-    weights = {item.name: item.weighed_as for item in solution.series_weights}
-    series = sorted(solution.time_correlation.series, key=lambda item: item.effective_count / item.count)
-    heading = ["series", "correlation time", "used", "independent"] + ["weight"] * bool(weights)
-    rows = [
-        (
-            item.name,
-            duration(item.correlation_time_s),
-            str(item.count),
-            f"{max(item.effective_count, 1.0):.0f}",
-            *[f"{max(weights.get(item.name, item.count), 1.0):.0f}"] * bool(weights),
-        )
-        for item in series
-    ]
-    below = []
-    factor = solution.correlation_factor  # 1 if the position is not determined
+    weighted_counts = {item.name: item.weighed_as for item in solution.series_weights}
+    heading = ["series", "correlation time", "used", "independent"]
+    if weighted_counts:
+        heading.append("weight")
+    rows = []
+    for item in sorted(solution.time_correlation.series, key=lambda item: item.effective_count / item.count):
+        counts = [item.effective_count]
+        if weighted_counts:
+            counts.append(weighted_counts.get(item.name, item.count))
+        cells = (f"{max(count, 1.0):.0f}" for count in counts)
+        rows.append((item.name, duration(item.correlation_time_s), str(item.count), *cells))
+    notes, factor = [], solution.correlation_factor  # 1 if the position is not determined
     if factor >= _MIN_CORRELATION_FACTOR:
-        below.append(f"the time correlation enlarges the position sigma by a factor of {factor:.2g}")
-    if factor > _MIN_ADVISED_FACTOR and not weights:
-        below.append('[estimate] weights = "correlated" includes it in the weights too')
-    return table("correlated", heading, rows, _MAX_SERIES, below)
+        notes.append(f"the time correlation enlarges the position sigma by a factor of {factor:.2g}")
+    if factor > _MIN_ADVISED_FACTOR and not weighted_counts:
+        notes.append('[estimate] weights = "correlated" includes it in the weights too')
+    return table("correlated", heading, rows, _MAX_SERIES, notes)
 
 
-def _ends(rows: Residuals) -> set[str]:
-    """Return the stations at either end of the paths."""
-    if not have_paths(rows):
-        return set(rows.stations.present())
-    return {station for path in rows.paths.present() for station in Link.from_path(path).stations}
-
-
-def _links(rows: Residuals) -> Labels:
-    """Return the station or link of each observation, with the type if there are several."""
-    if not have_paths(rows):
-        return rows.stations
-    # Ranges and range differences of a station, both in metres, have no common rms.
-    several = len(rows.types.present()) > 1
-    names = [
-        # The place says "one-way" already.
-        f"{place} {kind.removeprefix('one_way_') if 'one-way' in place else kind}" if several else place
-        for place in link_names([Link.from_path(path) for path in rows.paths.texts])
-        for kind in rows.types.texts
-    ]
-    return Labels.coded(names, rows.paths.codes * len(rows.types.texts) + rows.types.codes)
-
-
-def _groups(solution: Solution) -> Iterator[Field]:
+def _residual_fields(solution: Solution) -> Iterator[Field]:
     """Yield residual statistics by station; with several types or paths of a station, by type and by link."""
-    rows, fit = solution.residuals, solution.fit
-    if not have_paths(rows) or len(fit.by_path) == len(fit.by_station) == len(_ends(rows)):
-        statistics = {"stations": fit.by_station}
-    else:
-        statistics = {"types": fit.by_type} if len(fit.by_type) > 1 else {}
-        statistics["links"] = rows.statistics_by(_links(rows))
-    heading = ("residuals, m", "used", "rejected", "mean", "rms", "wrms")
-    for label, groups in statistics.items():
-        cells = []
-        for group in groups:
-            sizes = ("-" if x is None else metres(x) for x in (group.mean_m, group.rms_m, group.wrms_m))
-            cells.append((group.label, str(group.used), str(group.rejected), *sizes))
-        of_links = label == "links"
-        max_rows, below = (_MAX_LINK_ROWS, _disagreeing_ranges(solution)) if of_links else (_MAX_ROWS, ())
-        yield table(label, heading, cells, max_rows, below)
+    residuals, fit = solution.residuals, solution.fit
+    one_path_each = len(fit.by_path) == len(fit.by_station) == len(_stations(residuals))
+    if not _have_paths(residuals) or one_path_each:
+        yield _residual_table("stations", fit.by_station)
+        return
+    if len(fit.by_type) > 1:
+        yield _residual_table("types", fit.by_type)
+    links = residuals.statistics_by(_link_labels(residuals))
+    yield _residual_table("links", links, _MAX_LINK_ROWS, _disagreement_lines(solution))
 
 
-def _disagreeing_ranges(solution: Solution) -> Iterator[str]:
-    """Yield ranges of two links of one station whose means differ significantly, which its own mean can hide."""
-    independent = {}
+def _residual_table(
+    label: str,
+    groups: tuple[GroupStatistics, ...],
+    max_rows: int = _MAX_ROWS,
+    notes: Iterable[str] = (),
+) -> Field:
+    rows = []
+    for group in groups:
+        sizes = ("-" if x is None else metres(x) for x in (group.mean_m, group.rms_m, group.wrms_m))
+        rows.append((group.label, str(group.used), str(group.rejected), *sizes))
+    return table(label, ("residuals, m", "used", "rejected", "mean", "rms", "wrms"), rows, max_rows, notes)
+
+
+@dataclass(frozen=True, slots=True)
+class _RangeMean:
+    """Mean residual of the ranges of one link."""
+
+    way: str
+    mean_m: float
+    variance_m2: float
+
+
+def _disagreement_lines(solution: Solution) -> Iterator[str]:
+    """Yield ranges of two links of one station whose means differ significantly.
+
+    The mean of the station can hide the difference. Its p-value is that of a normal distribution times the number of
+    pairs (Bonferroni correction).
+    """
+    means = _range_means(solution)
+    pair_count = sum(math.comb(len(station_means), 2) for station_means in means.values())
+    for station, station_means in means.items():
+        low, high = (select(station_means, key=lambda item: item.mean_m) for select in (min, max))
+        sigmas = (high.mean_m - low.mean_m) / math.sqrt(low.variance_m2 + high.variance_m2)
+        p_value = pair_count * math.erfc(sigmas / math.sqrt(2.0))
+        if len(station_means) > 1 and p_value < _RANGE_SIGNIFICANCE_LEVEL:
+            yield (
+                f"ranges of {station}, {low.way} {signed_metres(low.mean_m)} m and {high.way} "
+                f"{signed_metres(high.mean_m)} m, disagree by {sigmas:.1f} sigmas: "
+                '[estimate] clock = "all" or range_bias_per = "link" absorbs it'
+            )
+
+
+def _range_means(solution: Solution) -> dict[str, list[_RangeMean]]:
+    """Return the means of the ranges of each link by receiver, with their variances."""
+    effective_counts = {}
     if solution.time_correlation is not None:
-        independent = {item.name: max(item.effective_count, 1.0) for item in solution.time_correlation.series}
-    residuals, used = solution.residuals, solution.residuals.used
-    of_station: dict[str, list[tuple[str, float, float]]] = {}
+        series = solution.time_correlation.series
+        effective_counts = {item.name: max(item.effective_count, 1.0) for item in series}
+    residuals, means = solution.residuals, defaultdict[str, list[_RangeMean]](list)
     for group in solution.fit.by_path:
         kind, _, path = group.label.partition(" ")
         if kind != "range" or not group.used or group.mean_m is None or group.rms_m is None:
@@ -232,139 +244,64 @@ def _disagreeing_ranges(solution: Solution) -> Iterator[str]:
         link = Link.from_path(path)
         way = "two-way" if link.transmitter == link.receiver else f"from {link.transmitter}"
         # The scatter of few residuals is smaller than their sigmas.
-        members = used & residuals.types.are(kind) & residuals.paths.are(path)
+        members = residuals.used & residuals.types.are(kind) & residuals.paths.are(path)
         scatter_m2 = max(group.rms_m**2 - group.mean_m**2, np.square(residuals.sigma_m[members]).mean())
-        variance_m2 = scatter_m2 / independent.get(group.label, group.used)
-        of_station.setdefault(link.receiver, []).append((way, group.mean_m, variance_m2))
-    pair_count = sum(math.comb(len(means), 2) for means in of_station.values())
-    for station, means in of_station.items():
-        way_1, mean_1, variance_1 = min(means, key=lambda item: item[1])
-        way_2, mean_2, variance_2 = max(means, key=lambda item: item[1])
-        sigmas = (mean_2 - mean_1) / math.sqrt(variance_1 + variance_2)
-        if len(means) > 1 and pair_count * math.erfc(sigmas / math.sqrt(2.0)) < _SPLIT_SIGNIFICANCE_LEVEL:
-            yield (
-                f"ranges of {station}, {way_1} {signed_metres(mean_1)} m and {way_2} {signed_metres(mean_2)} m, "
-                f'disagree by {sigmas:.1f} sigmas: [estimate] clock = "all" or range_bias_per = "link" absorbs it'
-            )
+        variance_m2 = scatter_m2 / effective_counts.get(group.label, group.used)
+        means[link.receiver].append(_RangeMean(way, group.mean_m, variance_m2))
+    return means
 
 
-def _largest_rejected(solution: Solution) -> Iterator[str]:
+def _rejected_lines(residuals: Residuals) -> Iterator[str]:
     """Yield the rejected observations: each of a few, otherwise those of a link with one reason in one line."""
-    rows, order = solution.residuals, _rejected(solution)
-    links, reasons = _links(rows), rows.reasons
-    faults = links.codes[order] * len(reasons.texts) + reasons.codes[order]
+    order, links, reasons = _rejected_rows(residuals), _link_labels(residuals), residuals.reasons
+    groups = links.codes[order] * len(reasons.texts) + reasons.codes[order]
     if len(order) <= _MAX_REJECTED:
-        faults = np.arange(len(order))
-    _, first, fault = np.unique(faults, return_index=True, return_inverse=True)
-    shown = 0
+        groups = np.arange(len(order))
+    _, first, group = np.unique(groups, return_index=True, return_inverse=True)
+    epochs, shown_count = residuals.epoch_utc, 0
     for index in np.argsort(first)[:_MAX_REJECTED].tolist():
-        members = order[fault == index]
-        first_row = members[np.lexsort((rows.epoch_utc.fraction[members], rows.epoch_utc.jd[members]))[:1]]
-        times, reason = utc_strings(rows.epoch_utc[first_row], decimals=0)[0], rows.statuses[members[0]]
-        if len(members) > 1:
-            times += f" and {len(members) - 1} later"
-        if len(set(rows.statuses.codes[members].tolist())) > 1:
-            figures = reason.partition(": ")[2]
-            reason = f"{reasons[members[0]]}, the largest: {figures}" if figures else reasons[members[0]]
-        yield f"{times} {links[members[0]]}: {reason}"
-        shown += len(members)
-    yield from more(len(order), shown)
+        rows = order[group == index]
+        earliest = rows[np.lexsort((epochs.fraction[rows], epochs.jd[rows]))[:1]]
+        times, reason = utc_strings(epochs[earliest], decimals=0)[0], residuals.statuses[rows[0]]
+        if len(rows) > 1:
+            times += f" and {len(rows) - 1} later"
+        if len(set(residuals.statuses.codes[rows].tolist())) > 1:
+            _, _, figures = reason.partition(": ")
+            reason = f"{reasons[rows[0]]}, the largest: {figures}" if figures else reasons[rows[0]]
+        yield f"{times} {links[rows[0]]}: {reason}"
+        shown_count += len(rows)
+    yield from more(len(order), shown_count)
 
 
-def _rejected(solution: Solution) -> NDArray[np.intp]:
-    """Rows of the rejected observations, the largest residuals first."""
-    rows = solution.residuals
-    rejected = np.flatnonzero(~rows.used)
-    size = np.abs(rows.residual_m[rejected] / rows.sigma_m[rejected])
+def _rejected_rows(residuals: Residuals) -> NDArray[np.intp]:
+    """Return the rows of the rejected observations, the largest residuals in sigmas first."""
+    rejected = np.flatnonzero(~residuals.used)
+    size = np.abs(residuals.residual_m[rejected] / residuals.sigma_m[rejected])
     return rejected[np.argsort(-size, kind="stable")]
 
 
-_CARD_KINDS = (
-    "station_position",
-    "clock",
-    "range_bias",
-    "time_bias",
-    "transponder_delay",
-    "frequency_offset",
-)
-"""Kinds of error that the card names, the usual faults of stations first."""
-_MAX_KINDS, _MAX_HIDDEN = 4, 3  # a card fits a screen; to_dict() has all of them
-# Smallest effect on the position, m, with which an undetectable error is listed.
-_MIN_EFFECT_M = 0.01
-_TIME_UNITS = ((1e-6, 1e9, "ns"), (1e-3, 1e6, "us"), (1.0, 1e3, "ms"))  # upper bound, s, factor and unit
+def _have_paths(residuals: Residuals) -> bool:
+    """Return whether the paths are those of observations, not names of stations."""
+    return all(">" in path for path in residuals.paths.present())
 
 
-def reliability_lines(items: Sequence[Reliability]) -> Iterator[str]:
-    """Yield the minimal detectable biases, the largest effect of an undetected one, and unrevealed errors."""
-    faults = [item for item in items if _is_fault(item)]
-    sizes = []
-    for kind in _CARD_KINDS:
-        revealed = [item for item in faults if item.revealed and _kind(item) == kind]
-        if revealed:
-            item = min(revealed, key=lambda fault: fault.minimal)
-            sizes.append(f"{source_name(kind)} {_amount(item.minimal, item.unit)}{_owner(item)}")
-    if sizes:
-        yield f"smallest detectable errors (power {100 * POWER:.0f} %): {', '.join(sizes[:_MAX_KINDS])}"
-    largest: dict[str, tuple[float, Reliability]] = {}
-    for item in sorted(faults, key=lambda fault: -(fault.shift_m or 0.0)):
-        if item.revealed and item.shift_m:
-            largest.setdefault(item.kind if item.kind == "offset" else _kind(item), (item.shift_m, item))
-    if largest:
-        effects = [
-            f"{metres(shift_m)} m ({_name(item)}, {_amount(item.minimal, item.unit)})"
-            for shift_m, item in list(largest.values())[:_MAX_KINDS]
-        ]
-        yield f"largest effects of undetected errors: {', '.join(effects)}"
-    if hidden := [text for item in faults if not item.revealed for text in _hidden(item)]:
-        yield f"not revealed: {', '.join(first_lines(hidden, _MAX_HIDDEN))}"
+def _stations(residuals: Residuals) -> set[str]:
+    """Return the stations at either end of the paths."""
+    if not _have_paths(residuals):
+        return set(residuals.stations.present())
+    return {station for path in residuals.paths.present() for station in Link.from_path(path).stations}
 
 
-def _is_fault(item: Reliability) -> bool:
-    """Return whether an error is that of a station, link, target or stated value, not of Earth, Moon or a type."""
-    kind, _, owner = item.name.partition(".")
-    return (
-        owner not in KINDS and kind != TERM and (kind not in PARAMETERS or PARAMETERS[kind].scopes[0].named)
-    )
-
-
-def _hidden(item: Reliability) -> Iterator[str]:
-    """Yield an error of a usual kind that the data do not reveal, with its effect on the position."""
-    kind, effect_m = _kind(item), item.shift_per_unit_m
-    if kind not in _CARD_KINDS or len(item.components) > 1:
-        return
-    if effect_m is None:
-        yield _name(item)
-    elif effect_m * PARAMETERS[kind].scale > _MIN_EFFECT_M:
-        factor, unit = 1.0, item.unit
-        if unit == "s":
-            factor, unit = (1e-9, "ns") if PARAMETERS[kind].scale < _TIME_UNITS[0][0] else (1e-3, "ms")
-        considered = f", sigma {item.prior_sigma / factor:.3g} {unit}" if item.prior_sigma else ""
-        yield f"{_name(item)} ({metres(factor * effect_m)} m of position per {unit}{considered})"
-
-
-def _kind(item: Reliability) -> str:
-    return item.name.partition(".")[0]
-
-
-def _name(item: Reliability) -> str:
-    if item.kind == "offset":
-        return f"offset of {item.name}"
-    kind, _, owner = item.name.partition(".")
-    if owner == ALL:
-        return f"common {source_name(kind)}"
-    components = item.components if len(item.components) == 1 else ()
-    return parameter_name(".".join(filter(None, (item.name, *components))))
-
-
-def _owner(item: Reliability) -> str:
-    owner = item.name.partition(".")[2]
-    return f" ({'common' if owner == ALL else owner})" if owner else ""
-
-
-def _amount(value: float, unit: str) -> str:
-    """Return a size with three digits, of times in a suitable unit."""
-    if unit == "s":
-        for bound_s, factor, name in _TIME_UNITS:
-            if value < bound_s:
-                return f"{factor * value:.3g} {name}"
-    return f"{value:.3g} {unit}" if unit != "1" else f"{value:.3g}"
+def _link_labels(residuals: Residuals) -> Labels:
+    """Return the station or link of each observation, with the type if there are several."""
+    if not _have_paths(residuals):
+        return residuals.stations
+    # Ranges and range differences of a station, both in metres, have no common rms.
+    several_types = len(residuals.types.present()) > 1
+    names = [
+        # The link says "one-way" already.
+        f"{link} {kind.removeprefix('one_way_') if 'one-way' in link else kind}" if several_types else link
+        for link in link_names([Link.from_path(path) for path in residuals.paths.texts])
+        for kind in residuals.types.texts
+    ]
+    return Labels.coded(names, residuals.paths.codes * len(residuals.types.texts) + residuals.types.codes)

@@ -37,7 +37,7 @@ from radioloc.results.cards import (
     table,
     value_text,
 )
-from radioloc.results.fit_card import findings, fit_fields, rejected_detail
+from radioloc.results.fit_card import finding_lines, fit_fields, rejected_detail
 from radioloc.results.names import error_name, parameter_name, source_name, with_parameter_names
 from radioloc.results.solution import Level, Solution, build_card
 from radioloc.results.tables import ellipse_text
@@ -225,7 +225,7 @@ def _status(solution: Solution) -> Iterator[str]:
     yield f"{state} ({iterations}, {plural(solution.passes, 'editing pass', 'es')})"
     if solution.message:
         yield solution.message
-    yield from findings(solution, outside_ellipsoid=True)
+    yield from finding_lines(solution, outside_ellipsoid=True)
 
 
 def _position(solution: Solution) -> Iterator[str]:

@@ -3,7 +3,7 @@
 import math
 
 from radioloc.estimation.reliability import Reliability
-from radioloc.results.fit_card import reliability_lines
+from radioloc.results.reliability_card import reliability_lines
 
 
 def item(

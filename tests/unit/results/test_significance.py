@@ -12,7 +12,7 @@ from radioloc.estimation.combination import Agreement
 from radioloc.estimation.consistency_results import Consistency, ConsistencyTest
 from radioloc.results.build import compare_with, with_findings
 from radioloc.results.comparison import significant_pairs
-from radioloc.results.fit_card import inconsistent
+from radioloc.results.fit_card import select_findings
 
 
 def test_the_largest_of_many_differences_needs_a_smaller_chance():
@@ -38,11 +38,13 @@ def test_a_shift_is_compared_with_the_ellipsoid_in_its_direction(axis):
     shift_m = 2.5 * np.sqrt(variances[axis]) * axes[:, axis]
     finding = ConsistencyTest("offset", "A", 30.0, 1, -6.0, tuple(shift_m), (1.0, 1.0, 1.0), {"": 1.0}, "m")
     warned = replace(solution, consistency=Consistency(findings=(finding,)))
-    assert [*inconsistent(warned, outside_ellipsoid=True)] == [finding]
-    assert [*inconsistent(warned, outside_ellipsoid=False)] == []
+    assert [*select_findings(warned, outside_ellipsoid=True)] == [finding]
+    assert [*select_findings(warned, outside_ellipsoid=False)] == []
     small = replace(finding, shift_enu_m=tuple(0.5 * shift_m))
     assert not [
-        *inconsistent(replace(solution, consistency=Consistency(findings=(small,))), outside_ellipsoid=True)
+        *select_findings(
+            replace(solution, consistency=Consistency(findings=(small,))), outside_ellipsoid=True
+        )
     ]
 
 
@@ -72,4 +74,4 @@ def test_the_reported_region_covers_the_position_with_the_finding_estimated(sigm
     record = warned.to_dict()["with_findings"]
     assert record["shift_sigmas"] == pytest.approx(sigmas)
     assert [*record["shift"].values()] == pytest.approx(shift_m, abs=1e-9)
-    assert [*inconsistent(warned, outside_ellipsoid=True)] == [finding]
+    assert [*select_findings(warned, outside_ellipsoid=True)] == [finding]

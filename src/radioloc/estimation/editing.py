@@ -29,14 +29,14 @@ from numpy.typing import ArrayLike, NDArray
 from radioloc.errors import InputError
 from radioloc.estimation.gauss_markov import SeriesWeight
 from radioloc.estimation.least_squares import FitResult, fit_least_squares
-from radioloc.estimation.linearization import Linearization, ResidualFunction, evaluate, row_order
+from radioloc.estimation.linearization import Linearization, ResidualFunction, evaluate
 from radioloc.estimation.robust import robust_start
 from radioloc.estimation.series import SeriesOrder
 from radioloc.estimation.statistics import robust_scale
 from radioloc.estimation.status import FitStatus
 from radioloc.labels import USED, Labels, changed
 from radioloc.noise.covariance import ObservationCovariance
-from radioloc.noise.whitening import Rows, slices
+from radioloc.noise.whitening import Rows
 from radioloc.parameters.parameter import ParameterSet
 from radioloc.quantities import accepts_quantities
 from radioloc.vectors import Floats
@@ -204,14 +204,10 @@ def _studentized_limits(
     With limits of unscaled residuals, rejections of observations of high leverage would depend on the start of the fit
     (`tests/unit/jobs/test_locate.py`). Only residuals near their limit or beyond are scaled.
     """
-    order = row_order(fit.linearization)
-    large = order[(usable & (np.abs(residual_m) > _MIN_STUDENTIZED_RATIO * limit_m))[order]]
-    unit_partials, limit_m = fit.unit_partials(), limit_m.copy()
-    for part in slices(len(large)):
-        rows = large[part]
-        leverage = np.square(unit_partials(rows)).sum(axis=1) / fit.sigma_m[rows] ** 2
-        ratio = np.sqrt(np.where(fit.used[rows], np.maximum(1.0 - leverage, 0.0), 1.0 + leverage))
-        limit_m[rows] *= np.clip(ratio, _MIN_STUDENTIZED_RATIO, 1.0 / _MIN_STUDENTIZED_RATIO)
+    rows = np.flatnonzero(usable & (np.abs(residual_m) > _MIN_STUDENTIZED_RATIO * limit_m))
+    leverage, limit_m = fit.leverage(rows), limit_m.copy()
+    ratio = np.sqrt(np.where(fit.used[rows], np.maximum(1.0 - leverage, 0.0), 1.0 + leverage))
+    limit_m[rows] *= np.clip(ratio, _MIN_STUDENTIZED_RATIO, 1.0 / _MIN_STUDENTIZED_RATIO)
     return limit_m
 
 

@@ -25,15 +25,13 @@ from numpy.typing import NDArray
 from radioloc.estimation.consider import ConsideredErrors
 from radioloc.estimation.gauss_markov import Points, SeriesNoise, noise_of_series
 from radioloc.estimation.least_squares import FitResult
-from radioloc.estimation.series import IndependentSeries, SeriesOrder, add_rows, independent_series, points_of
+from radioloc.estimation.series import SeriesOrder, independent_series, link_contributions, points_of
 from radioloc.estimation.time_correlation import ABSORBED_SIGMAS, mixed_units
-from radioloc.labels import changed
-from radioloc.noise.whitening import Blocks, Diagonal, Rows, RowsOf, Structure, column
+from radioloc.noise.whitening import Rows, column
 from radioloc.vectors import Floats
 
 # Smallest fraction of a column outside the span of the design matrix; less is rounding.
 _MIN_SQUARE_FRACTION = 1e-6
-_MAX_BIN_ROWS = 16  # rows of a bin whose partials are computed: partials are smooth within a bin
 _BATCH_POINTS, _MIN_BATCHES = 10, 5  # batches whose sums show whether residuals are still correlated
 _MEDIAN_CHI2_1 = 0.4549  # median of chi-square with one degree of freedom
 _MIN_VARIANCE_OBSERVATIONS = 20  # observations that determine the variance of a series
@@ -137,7 +135,7 @@ class BinnedProblem:
 
         series = independent_series(order, fit.noise, fit.used)
         points = points_of(series, column(fit.residual_m), np.zeros((0, 0)))
-        place, code, sums = _link_contributions(series, order, constant_and_partials)
+        place, code, sums = link_contributions(series, order, constant_and_partials)
         sums, changes = np.split(sums, [1 + len(unit)], axis=1)
         if candidates is not None:
             changes = changes * candidates.parameters.prior_sigmas
@@ -156,10 +154,11 @@ class BinnedProblem:
         # The variance is larger if the whitened residuals of the series are still correlated.
         points, roots, white = self.points, list[Floats](), list[float]()
         partials = np.concatenate([points.unit, self.prior[:, 1:]])
-        covariance = _scaled_inverse(partials.T @ partials)
+        leverage = np.einsum("nc,nc->n", points.unit @ _scaled_inverse(partials.T @ partials), points.unit)
+        absorbed = np.add.reduceat(leverage, points.begin[:-1]).tolist()
         for k, series in enumerate(points.series):
             part = points.series_slice(k)
-            series_noise = noise.get(series.key) or _white_noise(points, k, estimate, covariance)
+            series_noise = noise.get(series.key) or _white_noise(points, k, estimate, absorbed[k])
             white.append(series_noise.white)
             identity, width_s = np.eye(part.stop - part.start), float(points.width_s[k])
             roots.append(series_noise.whitened(points.step_s[part], points.gain[part], identity, width_s))
@@ -419,72 +418,15 @@ def noise_of_each(points: Points) -> dict[str, SeriesNoise]:
     return noise_of_series(points, ABSORBED_SIGMAS, jointly=False)
 
 
-def _link_contributions(
-    series: IndependentSeries, order: SeriesOrder, rows_of: RowsOf
-) -> tuple[NDArray[np.intp], NDArray[np.intp], Floats]:
-    """Contributions of links to points: point and link, (m,), and sums of columns, (m, c)."""
-    from scipy.sparse import csr_array
-
-    place, begin, _ = series.bins
-    widths, start = np.ones(begin[-1], dtype=np.intp), 0
-    for structure in series.whitener.structures:
-        widths[place[start : start + structure.rows.size]] = structure.rows.size // len(structure.rows)
-        start += structure.rows.size
-    first = np.cumsum(widths) - widths
-    code, sums, start = np.empty(widths.sum(), dtype=np.intp), np.zeros((0, 0)), 0
-    for structure in series.whitener.structures:
-        width = structure.rows.size // len(structure.rows)
-        for part in structure.parts():
-            rows = structure.rows[part].reshape(-1, width)
-            position = first[place[start : start + rows.size]].reshape(-1, width)
-            # Each combination of a block has a contribution of each member.
-            index = position[:, :, None] + np.arange(width)
-            code[index] = order.code[rows][:, None]
-            start += rows.size
-            if not isinstance(structure, Diagonal | Blocks):
-                values = structure.whiten(part, rows_of(rows[:, 0]))
-                sums = sums if sums.size else np.zeros((len(code), values.shape[1]))
-                add_rows(sums, position[:, 0], values)
-                continue
-            chosen, weight = _sampled(position[:, 0])
-            values = rows_of(rows[chosen].ravel())
-            sums = sums if sums.size else np.zeros((len(code), values.shape[1]))
-            member = np.broadcast_to(np.arange(values.shape[0]).reshape(-1, 1, width), index[chosen].shape)
-            entries = _roots(structure, part, chosen) * weight[:, None, None]
-            shape = (len(sums), len(values))
-            sums += csr_array((entries.ravel(), (index[chosen].ravel(), member.ravel())), shape) @ values
-    point = np.repeat(np.arange(begin[-1]), widths)
-    return point, code, sums / np.sqrt(np.bincount(place))[point, None]
-
-
-def _sampled(place: NDArray[np.intp]) -> tuple[NDArray[np.intp], Floats]:
-    """Choose rows of each run in one bin, evenly, and count the rows that each represents."""
-    starts = np.flatnonzero(changed(place[:, None]))
-    count = np.diff(starts, append=len(place))
-    rank, size = np.arange(len(place)) - np.repeat(starts, count), np.repeat(count, count)
-    is_chosen = _MAX_BIN_ROWS * rank // size > _MAX_BIN_ROWS * (rank - 1) // size
-    weight = count / np.add.reduceat(is_chosen.astype(np.intp), starts)
-    rows = np.flatnonzero(is_chosen)
-    return rows, np.repeat(weight, count)[rows]
-
-
-def _roots(structure: Structure, part: slice, chosen: NDArray[np.intp]) -> Floats:
-    """Return the maps (m, k, k) of some blocks of a part to independent combinations."""
-    if isinstance(structure, Blocks):
-        return np.asarray(structure.roots[structure.which[part][chosen]])
-    return structure.whiten(part, np.ones((len(structure.rows[part]), 1)))[chosen, :, None]
-
-
 def _sums_from(values: Floats) -> Floats:
     """Cumulative sums of values (n, w) from the end, with a final row of zeros, shape (n + 1, w)."""
     return np.vstack([np.cumsum(values[::-1], axis=0)[::-1], np.zeros(values.shape[1])])
 
 
-def _white_noise(points: Points, k: int, estimate: Floats, covariance: Floats) -> SeriesNoise:
+def _white_noise(points: Points, k: int, estimate: Floats, absorbed: float) -> SeriesNoise:
     """White noise with the variance of the residuals; at least the stated one for little redundancy."""
     # Parameters of single nights absorb most of laser ranges, and would make their noise too small.
     part = points.series_slice(k)
-    absorbed = float(np.einsum("nc,cd,nd->", points.unit[part], covariance, points.unit[part]))
     count = max(float(points.count[k]) - absorbed, 1.0)
     residual = points.residual[part] - points.unit[part] @ estimate
     within_bins = float(points.squares[k] - np.square(points.residual[part]).sum())

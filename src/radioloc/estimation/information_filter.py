@@ -52,10 +52,6 @@ class InformationFilter:
         }
         return cls(process, np.flatnonzero(used), noise_of_interval)
 
-    def continues_at(self, start: int) -> bool:
-        """Return False: all rows are asked for together."""
-        return False
-
     def whitened(self, rows_of: RowsOf) -> Iterator[Floats]:
         """Yield independent combinations of unit variance, part by part; their number is not that of the rows."""
         return iter(self._swept(rows_of)[0])

@@ -40,15 +40,14 @@ from radioloc.estimation.linearization import (
     evaluate,
     evaluate_step,
     factorize,
-    nonzero_partials,
     refreshed,
-    row_order,
+    smooth_partials,
     times,
 )
 from radioloc.estimation.statistics import SCALING_PROBABILITY, chi2_quantile
 from radioloc.estimation.status import FitStatus
 from radioloc.noise.covariance import ObservationCovariance
-from radioloc.noise.whitening import Rows, RowsOf, StructuredWhitener, Whitener, column
+from radioloc.noise.whitening import Rows, RowsOf, StructuredWhitener, Whitener, column, slices
 from radioloc.parameters.parameter import ParameterSet
 from radioloc.quantities import accepts_quantities
 from radioloc.vectors import Floats
@@ -129,16 +128,28 @@ class FitResult:
 
         With orthonormal `directions` D, (q, w), it returns A P^(1/2) D, (m, w).
         """
-        free, root = self.parameters.free, self.factor.root_covariance()
+        root, smooth = self._root_covariance(directions), smooth_partials(self.linearization)
+        if smooth is not None:
+            return smooth.by(root)
+        return lambda rows: times(self.linearization.partials(rows), root)
+
+    def _root_covariance(self, directions: Floats | None = None) -> Floats:
+        """Return P^(1/2) D with rows of zeros for fixed parameters, (p, w)."""
+        root = self.factor.root_covariance()
         root = root if directions is None else root @ directions
-        root_covariance = np.zeros((len(free), root.shape[1]))
-        root_covariance[free] = root
+        root_covariance = np.zeros((len(self.parameters), root.shape[1]))
+        root_covariance[self.parameters.free] = root
+        return root_covariance
 
-        def unit_partials(rows: Rows) -> Floats:
-            parameters, partials = nonzero_partials(self.linearization, rows)
-            return times(partials, root_covariance[parameters])
-
-        return unit_partials
+    def leverage(self, rows: Rows) -> Floats:
+        """Return the leverages of some observations (m,) by their stated sigmas, shape (m,)."""
+        smooth, unit_partials = smooth_partials(self.linearization), self.unit_partials()
+        if smooth is None:
+            parts = [np.square(unit_partials(rows[part])).sum(axis=1) for part in slices(len(rows))]
+            squares = np.concatenate([np.zeros(0), *parts])
+        else:
+            squares = smooth.squares(rows, self._root_covariance())
+        return squares / self.sigma_m[rows] ** 2
 
     def whitened_unit_partials(self, directions: Floats | None = None) -> Iterator[Floats]:
         """Yield L A P^(1/2) D of the used observations, part by part, as :meth:`unit_partials`."""
@@ -179,7 +190,7 @@ def fit_least_squares(
     check_residuals(linearization, mask)
 
     # Weights: given ones, those of the process noise, or those of the stated noise.
-    stated = noise.whitener(mask, row_order(linearization))
+    stated = noise.whitener(mask)
     process = getattr(linearization, "process", None)
     if process is not None and whitening is None:
         whitening = InformationFilter.from_observations(process, noise, mask)

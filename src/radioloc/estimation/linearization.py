@@ -12,14 +12,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.errors import InputError, RadiolocError
+from radioloc.estimation.smooth_partials import SmoothPartials
 from radioloc.measurements.predictor import ROWS_AT_ONCE
-from radioloc.noise.whitening import Rows, StructuredWhitener, Whitener
+from radioloc.noise.whitening import LinkedWhitener, Rows, StructuredWhitener, Whitener
 from radioloc.parameters.parameter import ParameterSet
 from radioloc.vectors import Floats
 
@@ -35,38 +36,15 @@ class Linearization(Protocol):
         """d(computed)/d(parameter) of some observations, shape (m, p)."""
 
 
-@runtime_checkable
-class SparseLinearization(Linearization, Protocol):
-    """Linearization with many parameters, few of which act on each observation."""
-
-    def row_order(self) -> Rows:
-        """Observations in an order in which few parameters act on those of a part, shape (n,)."""
-
-    def estimated_partials(self, rows: Rows) -> Floats:
-        """Return partials with respect to all parameters but the considered ones, which are last, (m, p - c)."""
-
-    def nonzero_partials(self, rows: Rows) -> tuple[NDArray[np.intp], Floats]:
-        """Parameters (k,) that act on some observations, ascending, and their partials, (m, k)."""
-
-
 ResidualFunction = Callable[[Floats], Any]
 """From parameters (p,) to a :class:`Linearization`; or, where there is room, to the pair of residuals observed -
 computed (n,), m, and partials d(computed)/d(parameter) (n, p)."""
 
 
-def row_order(linearization: Linearization) -> Rows:
-    """Return the observations in an order in which few parameters act on those of a part, shape (n,)."""
-    if isinstance(linearization, SparseLinearization):
-        return linearization.row_order()
-    return np.arange(len(linearization.residual_m))
-
-
-def nonzero_partials(linearization: Linearization, rows: Rows) -> tuple[NDArray[np.intp], Floats]:
-    """Return the parameters (k,) that act on some observations, ascending, and their partials, (m, k)."""
-    if isinstance(linearization, SparseLinearization):
-        return linearization.nonzero_partials(rows)
-    partials = linearization.partials(rows)
-    return np.arange(partials.shape[1]), partials
+def smooth_partials(linearization: Linearization) -> SmoothPartials | None:
+    """Return the partials of a dense series as polynomials; None of others."""
+    smooth: SmoothPartials | None = getattr(linearization, "smooth", None)
+    return smooth
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -215,15 +193,16 @@ def factorize(
         triangle = reduced(triangle, rows)
     else:
         # The triangle carries over from part to part, so no copy of all whitened rows need be made
-        parts, free_elements = list[Floats](), _KEPT_ELEMENTS
-        for columns, whitened in _whitened_rows(linearization, whitening, free) if q else ():
+        parts, free_elements = (
+            list[Floats](),
+            _KEPT_ELEMENTS if smooth_partials(linearization) is None else -1,
+        )
+        for whitened in _whitened_rows(linearization, whitening, free) if q else ():
             free_elements -= len(whitened) * (q + 1)
             if free_elements < 0:
                 parts.clear()
             else:
-                parts.append(_widened(whitened, columns, q + 1)[:, :q])
-            if not np.array_equal(columns, np.arange(q + 1)):
-                whitened = _widened(reduced(np.zeros((0, len(columns))), whitened), columns, q + 1)
+                parts.append(whitened[:, :q])
             triangle = reduced(triangle, whitened)
         whitened_partials = WhitenedPartials(tuple(parts), np.eye(q)) if free_elements >= 0 else None
     if not np.isfinite(triangle).all():
@@ -245,46 +224,19 @@ def factorize(
     return Factor(norms, s, right.T, left_vectors.T @ right_side, determined, whitened_partials)
 
 
-def _whitened_rows(
-    linearization: Linearization, whitening: Whitener, free: NDArray[np.intp]
-) -> Iterator[tuple[NDArray[np.intp], Floats]]:
-    """Whitened partials with respect to the free parameters with the residuals as last column, part by part.
+def _whitened_rows(linearization: Linearization, whitening: Whitener, free: Rows) -> Iterator[Floats]:
+    """Yield whitened partials by the free parameters with the residuals as last column, part by part.
 
-    The columns (k,) of each part, in any order, are those that are not zero throughout, and their values (m, k).
+    Those of dense series are condensed to rows with the same normal matrix.
     """
-    q, start = len(free), 0
-    columns = np.arange(q + 1)
+    smooth, residual_m = smooth_partials(linearization), linearization.residual_m
+    if smooth is not None and isinstance(whitening, LinkedWhitener):
+        return smooth.condensed(whitening.structures, whitening.filter, residual_m, free)
 
     def rows_of(rows: Rows) -> Floats:
-        nonlocal columns, start
-        parameters, partials = nonzero_partials(linearization, rows)
-        chosen = np.flatnonzero(np.isin(parameters, free, assume_unique=True))
-        nonzero = np.append(np.searchsorted(free, parameters[chosen]), q)
-        out = np.empty((len(rows), len(nonzero)))
-        out[:, :-1] = partials if partials.shape[1] == len(chosen) else partials[:, chosen]
-        out[:, -1] = linearization.residual_m[rows]
-        if whitening.continues_at(
-            start
-        ):  # columns that were nonzero in the preceding part continue in the filter
-            columns = np.append(columns, np.setdiff1d(nonzero, columns))
-            place = np.argsort(columns)[np.searchsorted(np.sort(columns), nonzero)]
-            out = _widened(out, place, len(columns))
-        else:
-            columns = nonzero
-        start += len(rows)
-        return out
+        return np.column_stack([linearization.partials(rows)[:, free], residual_m[rows]])
 
-    for part in whitening.whitened(rows_of):
-        yield columns, part
-
-
-def _widened(values: Floats, columns: NDArray[np.intp], count: int) -> Floats:
-    """Return values (m, k) of some columns with zeros in the others, shape (m, count)."""
-    if np.array_equal(columns, np.arange(count)):
-        return values
-    out = np.zeros((len(values), count))
-    out[:, columns] = values
-    return out
+    return whitening.whitened(rows_of)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -389,9 +341,9 @@ def refreshed(
     """
     free = np.flatnonzero(parameters.free)
     gradient = np.append((parameters.prior_values - x)[free] / parameters.prior_sigmas[free] ** 2, 0.0)
-    for columns, rows in _whitened_rows(linearization, whitening, free):
+    for rows in _whitened_rows(linearization, whitening, free):
         # Summed by numpy itself: the result does not depend on the number of threads
-        gradient[columns] += np.einsum("nq,n->q", rows, rows[:, np.argmax(columns)])  # residuals are column q
+        gradient += np.einsum("nq,n->q", rows, rows[:, -1])
     projection = factor.vectors.T @ (gradient[:-1] / factor.column_norms)
     s = factor.singular_values
     right_side = np.divide(projection, s, out=np.zeros_like(projection), where=factor.determined)

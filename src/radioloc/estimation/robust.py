@@ -16,18 +16,18 @@ from radioloc.estimation.linearization import (
     LinearProblem,
     OrthonormalLinearization,
     ResidualFunction,
-    SparseLinearization,
     check_residuals,
     evaluate_step,
     factorize,
     gram,
     root_of_rows,
+    smooth_partials,
     times,
 )
 from radioloc.estimation.statistics import robust_scale
 from radioloc.measurements.predictor import ROWS_AT_ONCE
 from radioloc.noise.covariance import ObservationCovariance
-from radioloc.noise.whitening import Rows
+from radioloc.noise.whitening import Rows, RowsOf
 from radioloc.parameters.parameter import ParameterSet
 from radioloc.vectors import Floats
 
@@ -154,17 +154,15 @@ def sample(
     # Each free parameter has the same number of draws. Half the chance of an observation is the same for all that the
     # parameter acts on, so a bias of one rare station has its observations in the sample; half is in proportion to
     # (partial / sigma)^2 (Drineas, Mahoney and Muthukrishnan 2006). Draws are spread evenly over the order of the rows.
-    free = np.flatnonzero(parameters.free & ~parameters.considered)
+    free, smooth = np.flatnonzero(parameters.free & ~parameters.considered), smooth_partials(linearization)
+    if smooth is not None:  # the nodes of its cells represent a dense series
+        usable = usable & ((smooth.cell < 0) | np.isin(np.arange(len(usable)), smooth.cells.nodes))
     candidates = np.flatnonzero(usable)
     if len(candidates) <= max_rows:
         return candidates
     parts = [candidates[k : k + ROWS_AT_ONCE] for k in range(0, len(candidates), ROWS_AT_ONCE)]
 
-    partials = (
-        linearization.estimated_partials
-        if isinstance(linearization, SparseLinearization)
-        else linearization.partials
-    )
+    partials: RowsOf = getattr(linearization, "estimated_partials", linearization.partials)
 
     def squares(rows: Rows) -> Floats:
         return np.asarray(np.square(partials(rows)[:, free] / sigma_m[rows, None]))

@@ -21,11 +21,12 @@ from radioloc.labels import Labels, changed, distinct
 from radioloc.measurements.link import Link
 from radioloc.noise.covariance import ObservationCovariance
 from radioloc.noise.processes import KalmanFilter, transitions
-from radioloc.noise.whitening import Blocks, Rows, RowsOf, StructuredWhitener
+from radioloc.noise.whitening import Blocks, Diagonal, Rows, RowsOf, Structure, StructuredWhitener
 from radioloc.time import Epochs
 from radioloc.vectors import Floats
 
 MAX_POINTS = 250  # of a series; longer ones are averaged over bins before a noise model is sought
+_MAX_BIN_ROWS = 16  # rows of a bin whose partials are computed: partials are smooth within a bin
 _SIGMA_RTOL = 1e-6  # of combinations that are equal but for rounding
 _MIN_REMAINING_FRACTION = 0.37  # symmetric networks have no such part, so rounding does not decide
 
@@ -142,19 +143,17 @@ class CorrelatedWhitener:
         every = np.zeros((len(white), 1), dtype=np.intp)
         return cls(series, KalmanFilter.from_processes(every, np.ones(every.shape), white, transition))
 
-    def continues_at(self, start: int) -> bool:
-        """Return True within a series, whose noise is filtered from part to part."""
-        number = self.series.number
-        return start > 0 and bool(number[start] == number[start - 1])
+    @property
+    def structures(self) -> tuple[Structure, ...]:
+        """Structures of the stated noise."""
+        return self.series.whitener.structures
 
     def whitened(self, rows_of: RowsOf) -> Iterator[Floats]:
         """Independent combinations of unit variance, part by part."""
-        start, state = 0, np.zeros((1, 0))
+        start, state = 0, None
         for values in self.series.whitener.whitened(rows_of):
-            carried = state if self.continues_at(start) else state[:, :0]
-            state = np.hstack([carried, np.zeros((1, values.shape[1] - carried.shape[1]))])
-            yield self.filter.innovations(values, slice(start, start + len(values)), state)
-            start += len(values)
+            state = np.zeros((1, values.shape[1])) if state is None else state
+            yield self.filter.innovations(values, slice(start, start := start + len(values)), state)
 
     def weighted(self, parts: Iterable[Floats]) -> Floats:
         """Return combinations (N, c) of the stated noise, from whitened parts by the transpose of the filter."""
@@ -195,6 +194,63 @@ def points_of(series: IndependentSeries, rows_of: RowsOf, root: Floats) -> Point
         unit=times(columns[:, 1:], root),
         time_s=time_s,
     )
+
+
+def link_contributions(
+    series: IndependentSeries, order: SeriesOrder, rows_of: RowsOf
+) -> tuple[NDArray[np.intp], NDArray[np.intp], Floats]:
+    """Return contributions of links to points: point and link, (m,), and sums of smooth columns, (m, c)."""
+    from scipy.sparse import csr_array
+
+    place, begin, _ = series.bins
+    widths, start = np.ones(begin[-1], dtype=np.intp), 0
+    for structure in series.whitener.structures:
+        widths[place[start : start + structure.rows.size]] = structure.rows.size // len(structure.rows)
+        start += structure.rows.size
+    first = np.cumsum(widths) - widths
+    code, sums, start = np.empty(widths.sum(), dtype=np.intp), np.zeros((0, 0)), 0
+    for structure in series.whitener.structures:
+        width = structure.rows.size // len(structure.rows)
+        for part in structure.parts():
+            rows = structure.rows[part].reshape(-1, width)
+            position = first[place[start : start + rows.size]].reshape(-1, width)
+            # Each combination of a block has a contribution of each member.
+            index = position[:, :, None] + np.arange(width)
+            code[index] = order.code[rows][:, None]
+            start += rows.size
+            if not isinstance(structure, Diagonal | Blocks):
+                values = structure.whiten(part, rows_of(rows[:, 0]))
+                sums = sums if sums.size else np.zeros((len(code), values.shape[1]))
+                add_rows(sums, position[:, 0], values)
+                continue
+            chosen, weight = _sampled(position[:, 0])
+            values = rows_of(rows[chosen].ravel())
+            sums = sums if sums.size else np.zeros((len(code), values.shape[1]))
+            member = np.broadcast_to(np.arange(values.shape[0]).reshape(-1, 1, width), index[chosen].shape)
+            entries = _roots(structure, part, chosen) * weight[:, None, None]
+            shape = (len(sums), len(values))
+            sums += csr_array((entries.ravel(), (index[chosen].ravel(), member.ravel())), shape) @ values
+    point = np.repeat(np.arange(begin[-1]), widths)
+    return point, code, sums / np.sqrt(np.bincount(place))[point, None]
+
+
+def _sampled(place: NDArray[np.intp]) -> tuple[NDArray[np.intp], Floats]:
+    """Choose rows of each run in one bin, evenly, and count the rows that each represents."""
+    starts = np.flatnonzero(changed(place[:, None]))
+    count = np.diff(starts, append=len(place))
+    rank, size = np.arange(len(place)) - np.repeat(starts, count), np.repeat(count, count)
+    part = (_MAX_BIN_ROWS * np.stack([rank, rank - 1]) + size // 2) // size
+    is_chosen = part[0] > part[1]  # in the middle of each part
+    weight = count / np.add.reduceat(is_chosen.astype(np.intp), starts)
+    rows = np.flatnonzero(is_chosen)
+    return rows, np.repeat(weight, count)[rows]
+
+
+def _roots(structure: Structure, part: slice, chosen: NDArray[np.intp]) -> Floats:
+    """Return the maps (m, k, k) of some blocks of a part to independent combinations."""
+    if isinstance(structure, Blocks):
+        return np.asarray(structure.roots[structure.which[part][chosen]])
+    return structure.whiten(part, np.ones((len(structure.rows[part]), 1)))[chosen, :, None]
 
 
 def bins(time_s: Floats, max_count: int) -> tuple[NDArray[np.intp], float]:

@@ -55,9 +55,10 @@ from radioloc.estimation.series import (
     IndependentSeries,
     SeriesOrder,
     independent_series,
+    link_contributions,
     points_of,
 )
-from radioloc.noise.whitening import Rows, RowsOf
+from radioloc.noise.whitening import column
 from radioloc.vectors import Floats
 
 _FREE_SIGMAS = 300.0  # a priori where noise is found jointly: as good as free, and no column is singular
@@ -81,7 +82,13 @@ def assess_time_correlation(
     root = fit.factor.root_covariance()
     series = independent_series(order, fit.noise, fit.used) if series is None else series
     q = root.shape[1]
-    points = points_of(series, rows_of(fit), root)
+    points, free = points_of(series, column(fit.residual_m), np.zeros((0, 0))), fit.parameters.free
+    place, _, contributions = link_contributions(
+        series, order, lambda rows: fit.linearization.partials(rows)[:, free]
+    )
+    partials = np.zeros((len(points.gain), len(root)))
+    np.add.at(partials, place, contributions)
+    points = replace(points, unit=times(partials, root))
     noise = noise_of_series(*_without_considered(fit, points), significant=False)
     if not noise:
         return uncorrelated
@@ -171,17 +178,6 @@ def scaled_covariance(fit: FitResult, noise_scale: float) -> Floats:
     scaled = noise_scale**2 * formal + (1.0 - noise_scale**2) * formal @ prior_information @ formal
     scaled[undetermined, undetermined] = np.inf
     return scaled
-
-
-def rows_of(fit: FitResult) -> RowsOf:
-    """Residuals and partials with respect to the free parameters side by side, of rows (m,), shape (m, 1 + q)."""
-    free = fit.parameters.free
-
-    def values(rows: Rows) -> Floats:
-        partials = fit.linearization.partials(rows)
-        return np.hstack([fit.residual_m[rows, None], partials if free.all() else partials[:, free]])
-
-    return values
 
 
 def in_parameter_units(added: Floats, fit: FitResult) -> Floats:

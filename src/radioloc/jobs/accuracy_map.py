@@ -250,7 +250,7 @@ class _Sites:
             choice = replace(choice, height_prior=prior)
         [target] = surface_points({"": place}, self.model, choice)
         parameters = ParameterSet([*target.parameters, *list(model.parameters)[model.first :]])
-        at_site = replace(model, targets=(target,), parameters=parameters, partials_cache=[])
+        at_site = replace(model, targets=(target,), parameters=parameters)
         design = at_site.linearize(parameters.prior_values)
         rows = np.flatnonzero(visible)
         rows = rows[design.prediction.rows(rows).usable]

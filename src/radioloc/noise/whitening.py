@@ -39,12 +39,6 @@ def slices(n: int, width: int = 1) -> Iterator[slice]:
 class Whitener(Protocol):
     """Linear map of the used observations to independent combinations of unit variance."""
 
-    def continues_at(self, start: int) -> bool:
-        """Return True if a part that begins with the row of this number depends on the part before it.
-
-        Its columns then begin with those of that part.
-        """
-
     def whitened(self, rows_of: RowsOf) -> Iterator[Floats]:
         """Yield whitened columns, part by part, of the columns (m, c) that `rows_of` gives of rows (m,)."""
 
@@ -55,6 +49,19 @@ class TransposableWhitener(Whitener, Protocol):
 
     def transposed(self, parts: Iterable[Floats]) -> Iterator[tuple[Rows, Floats]]:
         """Yield rows (m,) and the transposed map of whitened columns, (m, c), part by part."""
+
+
+@runtime_checkable
+class LinkedWhitener(Whitener, Protocol):
+    """Whitener of structures, the combinations of which a filter may whiten further."""
+
+    @property
+    def structures(self) -> tuple[Structure, ...]:
+        """Structures of the used observations."""
+
+    @property
+    def filter(self) -> KalmanFilter | None:
+        """Filter of all their combinations."""
 
 
 class Structure(Protocol):
@@ -80,6 +87,10 @@ class Diagonal:
 
     rows: Rows  # (n,)
     sigma_m: Floats  # (n,)
+
+    def select(self, some: NDArray[np.bool_] | Rows) -> Diagonal:
+        """Select some of the observations."""
+        return Diagonal(self.rows[some], self.sigma_m[some])
 
     def parts(self) -> Iterator[slice]:
         """Yield slices of some thousand successive rows."""
@@ -180,9 +191,10 @@ class StructuredWhitener:
     count: int  #: n, observations, used or not
     structures: tuple[Structure, ...]
 
-    def continues_at(self, start: int) -> bool:
-        """Return False: parts of structures are independent."""
-        return False
+    @property
+    def filter(self) -> None:
+        """Return None: no further filter acts on the combinations."""
+        return None
 
     def _groups(self) -> Iterator[list[tuple[Structure, slice]]]:
         """Yield groups of parts of structures, of some thousand rows each."""

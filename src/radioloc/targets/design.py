@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 
@@ -11,10 +11,12 @@ from numpy.typing import NDArray
 
 from radioloc.dynamics import AdjustableOrbit
 from radioloc.dynamics.stochastic import StochasticAccelerations
+from radioloc.estimation.smooth_partials import Cells, SmoothPartials
 from radioloc.lunar import rot_pa_to_me
 from radioloc.measurements.combined_predictor import CombinedPrediction
-from radioloc.measurements.predictor import ROWS_AT_ONCE, Prediction, Predictor
+from radioloc.measurements.predictor import Prediction, Predictor
 from radioloc.measurements.target_motion import Motions, OrbitMotion, TargetMotion, TrajectoryMotion
+from radioloc.noise.whitening import slices
 from radioloc.parameters.columns import Columns
 from radioloc.parameters.parameter import Parameter, ParameterSet, Role
 from radioloc.parameters.rows import ObservationRows, middle_epoch
@@ -24,7 +26,7 @@ from radioloc.vectors import Floats
 
 Rows = NDArray[np.intp]
 
-_MIN_KEPT_ROWS = 2**16  # of an arc whose partials of considered parameters are kept: fewer take little time
+_MIN_SMOOTH_ROWS = 2**16  # of an arc whose partials are polynomials of time: fewer take little time
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,8 +41,8 @@ class ObservationModel:
     reference: Epochs | None = None  # epoch that rates refer to, TAI; the middle of the arc as a rule
     process: StochasticAccelerations | None = None  # of the orbit
     considered_kinds: int = 0  # number of kinds, the last, whose parameters are considered
-    # Their partials for a long arc: they change by parts of 1e-4 while the estimate moves by kilometres.
-    partials_cache: list[PartialsByLink] = field(default_factory=list, compare=False, repr=False)
+    # Of a long arc, computed once.
+    cells: list[Cells] = field(default_factory=list, compare=False, repr=False)
 
     @classmethod
     def from_targets(
@@ -153,14 +155,30 @@ class ObservationModel:
         if self.process is not None:
             residual_m += self.process.effects_m(self.process.reference)
         design = DesignMatrix(self, prediction, motions, x, residual_m)
+        if len(residual_m) >= _MIN_SMOOTH_ROWS and self.process is None:
+            design = replace(design, smooth=self._smooth(design))
         first = self.first
         if x[first:].any():
-            order = design.row_order()
-            for start in range(0, len(order), ROWS_AT_ONCE):
-                rows = order[start : start + ROWS_AT_ONCE]
-                residual_m[rows] -= design.partials(rows, of_kinds_only=True) @ x[first:]
+            of_kinds = np.append(np.zeros(first), x[first:])[:, None]
+            effects = None if design.smooth is None else design.smooth.by(of_kinds)
+            for part in slices(len(residual_m)):
+                rows = np.arange(len(residual_m))[part]
+                if effects is None:
+                    residual_m[part] -= design.partials(rows, of_kinds_only=True) @ x[first:]
+                else:
+                    residual_m[part] -= effects(rows)[:, 0]
         residual_m.flags.writeable = False
         return design
+
+    def _smooth(self, design: DesignMatrix) -> SmoothPartials | None:
+        """Return the partials of a long arc as polynomials; None of combined observations."""
+        if isinstance(design.prediction, CombinedPrediction):
+            return None
+        if not self.cells:
+            items = self.predictor.observations
+            keys = (items.link, items.kind, items.tag, items.count_s, items.wavelength_um, items.uplink_hz)
+            self.cells.append(Cells.from_keys(keys, ObservationRows(self.predictor).elapsed_s))
+        return SmoothPartials.from_nodes(self.cells[0], design.partials)
 
     def residuals(self, x: Floats) -> tuple[Floats, Floats]:
         """Observed minus computed (n,), m, and partials of the computed (n, p), all at once."""
@@ -177,16 +195,12 @@ class DesignMatrix:
     motions: Motions
     x: Floats
     residual_m: Floats  # observed - computed, of an orbit without its stochastic accelerations
+    smooth: SmoothPartials | None = None  # of a long arc
 
     @property
     def process(self) -> StochasticAccelerations | None:
         """The orbit's stochastic accelerations."""
         return self.model.process
-
-    def row_order(self) -> Rows:
-        """Return the rows of a long arc link by link, so that few parameters act on those of a part, shape (n,)."""
-        by_link = self._partials_by_link()
-        return np.arange(len(self.residual_m)) if by_link is None else by_link.order
 
     def partials(self, rows: Rows, *, of_kinds_only: bool = False) -> Floats:
         """d(computed)/d(parameter) of some observations, shape (m, p); or those by all but the positions."""
@@ -198,48 +212,12 @@ class DesignMatrix:
         """Return the partials with respect to all parameters but the considered ones, the last, shape (m, p - c)."""
         return self._partials(rows, len(self.model.targets), self.model.estimated_kinds)
 
-    def nonzero_partials(self, rows: Rows) -> tuple[NDArray[np.intp], Floats]:
-        """Return the parameters (k,) that act on some observations, and the partials with respect to these, (m, k)."""
-        partials_by_link = self._partials_by_link()
-        if partials_by_link is None:
-            partials = self.partials(rows)
-            return np.arange(partials.shape[1]), partials
-        parameters = partials_by_link.parameters_of(rows)
-        first = len(self.model.parameters) - partials_by_link.count
-        out = np.zeros((first + len(parameters), len(rows))).T
-        out[:, :first] = self.estimated_partials(rows)
-        partials_by_link.fill(rows, parameters, out[:, first:])
-        return np.concatenate([np.arange(first), first + parameters]), out
-
     def _partials(self, rows: Rows, targets: int, kinds: int) -> Floats:
         """Return partials with respect to the first targets and kinds of parameter."""
         columns = partial(self._simple, first=targets, kinds=self.model.columns[:kinds])
         if isinstance(self.prediction, CombinedPrediction):
             return self.prediction.combine(rows, columns)
-        partials_by_link = self._partials_by_link() if kinds > self.model.estimated_kinds else None
-        if partials_by_link is None:
-            return columns(rows, self.prediction, self.model.predictor)
-        estimated = self._partials(rows, targets, self.model.estimated_kinds)
-        out = np.zeros((estimated.shape[1] + partials_by_link.count, len(rows))).T
-        out[:, : estimated.shape[1]] = estimated
-        partials_by_link.fill(rows, np.arange(partials_by_link.count), out[:, estimated.shape[1] :])
-        return out
-
-    def _partials_by_link(self) -> PartialsByLink | None:
-        """Return partials of a long arc with respect to considered parameters; None if they are not kept."""
-        model, combined = self.model, isinstance(self.prediction, CombinedPrediction)
-        if not model.considered_kinds or combined or len(self.residual_m) < _MIN_KEPT_ROWS:
-            return None
-        if not model.partials_cache:
-            kinds = model.columns[model.estimated_kinds :]
-
-            def considered_partials(rows: Rows) -> Floats:
-                return self._simple(rows, self.prediction, model.predictor, first=0, kinds=kinds)
-
-            model.partials_cache.append(
-                PartialsByLink.from_function(considered_partials, model.predictor.observations.link)
-            )
-        return model.partials_cache[0]
+        return columns(rows, self.prediction, self.model.predictor)
 
     def _simple(
         self, rows: Rows, prediction: Prediction, predictor: Predictor, first: int, kinds: Sequence[Columns]
@@ -261,64 +239,6 @@ class DesignMatrix:
             columns.design(part, out[:, start : start + len(columns)])
             start += len(columns)
         return out
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class PartialsByLink:
-    """Partials in single precision, of each link by the parameters that act on it."""
-
-    count: int  # c, parameters
-    order: Rows  # (n,), rows by link
-    place: Rows  # (n,), of each observation in this order
-    starts: Rows  # (b + 1,), places where the blocks of rows of one link begin, and their end
-    parameters: tuple[NDArray[np.intp], ...]  # of each block (k,), those with partials that are not zero
-    values: tuple[NDArray[np.float32], ...]  # of each block (k, m)
-
-    @classmethod
-    def from_function(cls, partials: Callable[[Rows], Floats], link: NDArray[np.int32]) -> PartialsByLink:
-        """Compute partials, from rows (m,) to (m, c), of observations (n,) by their links."""
-        order = np.argsort(link, kind="stable")
-        place = np.empty_like(order)
-        place[order] = np.arange(len(order))
-        ends = np.append(np.flatnonzero(np.diff(link[order])) + 1, len(order)).tolist()
-        starts, parameters, values = [0], list[NDArray[np.intp]](), list[NDArray[np.float32]]()
-        for end in ends:
-            while starts[-1] < end:
-                stop = min(starts[-1] + ROWS_AT_ONCE, end)
-                block = partials(order[starts[-1] : stop]).T
-                parameters.append(np.flatnonzero(block.any(axis=1)))
-                values.append(block[parameters[-1]].astype(np.float32))
-                starts.append(stop)
-        return cls(len(block), order, place, np.array(starts), tuple(parameters), tuple(values))
-
-    def parameters_of(self, rows: Rows) -> NDArray[np.intp]:
-        """Return the parameters that act on any of the blocks of some observations, in ascending order."""
-        acts = np.zeros(self.count, dtype=bool)
-        for block in np.flatnonzero(np.bincount(self._block(self.place[rows]))).tolist():
-            acts[self.parameters[block]] = True
-        return np.flatnonzero(acts)
-
-    def fill(self, rows: Rows, parameters: NDArray[np.intp], out: Floats) -> None:
-        """Write partials of some observations (m,) by some parameters (k,) into zeros (m, k)."""
-        place = self.place[rows]
-        block = self._block(place)
-        for number in np.flatnonzero(np.bincount(block)).tolist():
-            columns = np.searchsorted(parameters, self.parameters[number])
-            block_rows = np.flatnonzero(block == number)
-            of_block = place[block_rows] - self.starts[number]
-            # A slice is copied several times as fast as rows that are picked.
-            to, source = _as_slice(block_rows), _as_slice(of_block)
-            for column, values in zip(columns.tolist(), self.values[number], strict=True):
-                out[to, column] = values[source]
-
-    def _block(self, place: Rows) -> Rows:
-        return np.searchsorted(self.starts, place, side="right") - 1
-
-
-def _as_slice(rows: Rows) -> Rows | slice:
-    """Return ascending rows without gaps as a slice, others as they are."""
-    contiguous = len(rows) > 0 and bool((np.diff(rows) == 1).all())
-    return slice(rows[0], rows[-1] + 1) if contiguous else rows
 
 
 def effects_on_orbit(predictor: Predictor, orbit: AdjustableOrbit, target: int) -> Floats:

@@ -1,5 +1,7 @@
 """Series weighed by the inverse covariance of their noise: generalized least squares, honest sigmas."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -8,7 +10,9 @@ from radioloc.estimation.editing import fit_with_editing
 from radioloc.estimation.gauss_markov import SeriesNoise
 from radioloc.estimation.linearization import DenseLinearization, covariance_matrix, factorize, refreshed
 from radioloc.estimation.series import CorrelatedWhitener, SeriesOrder, independent_series
+from radioloc.estimation.smooth_partials import Cells, SmoothPartials
 from radioloc.estimation.time_correlation import assess_time_correlation, fit_with_correlated_weights
+from radioloc.noise import ObservationCovariance, SharedAtEpoch, White
 from radioloc.simulation.noise import gauss_markov
 
 STEP_S, TAU_S, N = 60.0, 3600.0, 1200
@@ -92,44 +96,58 @@ def test_estimate_and_covariance_are_those_of_the_weights():
     assert np.linalg.eigvalsh(added).min() > -ROUNDING
 
 
-class ByPass:
-    """Partials of which each column acts in a part of the observations only, as those of passes."""
+class Tracking:
+    """Two links for an hour at 1 Hz, some epochs missing, with partials that jump in one of the links."""
 
-    def __init__(self, design, residual_m):
-        self.design, self.residual_m = design, residual_m
+    time_s = np.repeat(np.arange(3600.0), 2)
+    link = np.tile(np.arange(2), 3600)
+    used = np.random.default_rng(3).random(7200) > 0.01
+
+    def __init__(self):
+        angle = 2.0 * np.pi * self.time_s / 86164.0 + self.link
+        jump = (self.link == 1) & (self.time_s > 1000.0)
+        self.design = np.column_stack(
+            [np.cos(angle), np.sin(angle), self.link == 0, jump, self.time_s / 3600.0]
+        )
+        self.residual_m = np.random.default_rng(4).normal(size=7200)
+        self.smooth = SmoothPartials.from_nodes(Cells.from_keys((self.link,), self.time_s), self.partials)
 
     def partials(self, rows):
         return self.design[rows]
 
-    estimated_partials = partials
 
-    def row_order(self):
-        return np.arange(len(self.residual_m))
-
-    def nonzero_partials(self, rows):
-        parameters = np.flatnonzero(self.design[rows].any(axis=0))
-        return parameters, self.design[np.ix_(rows, parameters)]
-
-
-def test_filter_continues_over_parts_with_other_columns(monkeypatch):
-    monkeypatch.setattr("radioloc.noise.whitening.ROWS_AT_ONCE", 300)
-    case = TwoSeries()
-    rows = np.arange(2 * N)
-    passes = np.stack([(rows // 250) % 5 == k for k in (3, 0, 2, 1)], axis=1) * 1.0
-    design = np.hstack([case.design[:, :2], passes])
-    parameters = ParameterSet([Parameter(f"p{k}", "m", "p", 0.0, 10.0) for k in range(6)])
-    edited = fit_with_editing(lambda x: (case.observed, design), parameters, case.sigma)
-    order = SeriesOrder.from_labels(case.types, labels(2 * N, "A"), case.time_s)
-    series = independent_series(order, edited.fit.noise, edited.fit.used)
-    noise = {item.key: SeriesNoise(1.0, np.array([TAU_S]), np.ones(1)) for item in series.series[:1]}
-    whitening = CorrelatedWhitener.from_noise(series, noise)
-    items = DenseLinearization(case.observed, design), ByPass(design, case.observed)
-    dense, sparse = (factorize(item, whitening, parameters, np.zeros(6)) for item in items)
-    np.testing.assert_allclose(
-        covariance_matrix(sparse, parameters), covariance_matrix(dense, parameters), rtol=0.0, atol=1e-12
+@pytest.mark.parametrize("shared", [False, True])
+@pytest.mark.parametrize("correlated", [False, True])
+def test_polynomials_give_the_factor_of_all_rows(shared, correlated):
+    tracking, n = Tracking(), 7200
+    noise = ObservationCovariance((White(np.where(tracking.time_s < 2000.0, 1.0, 2.0)),))
+    if shared:
+        sources = np.zeros((n, 1), dtype=np.intp)
+        noise = noise.plus(SharedAtEpoch(tracking.time_s.astype(np.intp), sources, np.ones((n, 1))))
+    order = SeriesOrder.from_labels(
+        labels(n, "range"), Labels(tracking.link.astype(np.int32), ("A", "B")), tracking.time_s
     )
-    renewed = refreshed(sparse, items[1], whitening, parameters, np.zeros(6))
-    np.testing.assert_allclose(renewed.step(0.0), dense.step(0.0), rtol=0.0, atol=1e-9)
+    series = independent_series(order, noise, tracking.used)
+    process = SeriesNoise(1.0, *((np.ones(1), np.zeros(1)) if shared else (np.array([TAU_S]), np.ones(1))))
+    keys = [item.key for item in series.series]
+    whitening = CorrelatedWhitener.from_noise(
+        series, {keys[0]: process, keys[-1]: replace(process, white=4.0)}
+    )
+    whitening = whitening if correlated else noise.whitener(tracking.used)
+    parameters = ParameterSet([Parameter(f"p{k}", "m", "p", 0.0, 10.0) for k in range(5)])
+    dense = factorize(
+        DenseLinearization(tracking.residual_m, tracking.design), whitening, parameters, np.zeros(5)
+    )
+    smooth = factorize(tracking, whitening, parameters, np.zeros(5))
+    assert 0 < np.count_nonzero(tracking.smooth.cell < 0) < 1000
+    for result in (smooth, refreshed(smooth, tracking, whitening, parameters, np.zeros(5))):
+        expected = covariance_matrix(dense, parameters)
+        np.testing.assert_allclose(covariance_matrix(result, parameters), expected, rtol=1e-9, atol=1e-12)
+        np.testing.assert_allclose(result.step(0.0), dense.step(0.0), rtol=1e-8, atol=1e-10)
+    rows = np.arange(0, n, 7)
+    np.testing.assert_allclose(tracking.smooth.by(np.eye(5))(rows), tracking.design[rows], atol=1e-9)
+    squares = np.square(tracking.design[rows]).sum(axis=1)
+    np.testing.assert_allclose(tracking.smooth.squares(rows, np.eye(5)), squares, rtol=1e-8)
 
 
 def test_white_residuals_change_nothing():

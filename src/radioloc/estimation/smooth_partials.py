@@ -1,0 +1,212 @@
+"""Partials of dense series as polynomials of time.
+
+The partials A of the observations of a link are smooth functions of time. In cells of some minutes they are A = B C,
+with Legendre polynomials B of the epochs and coefficients C from a few of the observations. With the weights W and
+residuals r of all observations, the orthogonal factorization of a cell has few rows:
+
+    W B = Q R,    |W (r - B C dx)|^2 = |Q^T W r - R C dx|^2 + constant.
+
+A further observation of each cell tests the polynomials. Elsewhere the partials of each observation are computed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.labels import changed
+from radioloc.measurements.predictor import ROWS_AT_ONCE
+from radioloc.noise.processes import KalmanFilter
+from radioloc.noise.whitening import Blocks, Diagonal, Rows, RowsOf, Structure, StructuredWhitener, column
+from radioloc.vectors import Floats
+
+_CELL_S = 256.0  # 1.1 degrees of the Earth's rotation, 13 degrees of a low lunar orbit
+_COUNT = 6  # coefficients; the remainder is 1e-9 of the partials along a low lunar orbit
+_MIN_ROWS = 2 * _COUNT  # of a cell
+_MIN_COVERAGE = 0.6  # part of a cell with observations, so that the polynomials are nearly orthogonal
+_TOLERANCE = 1e-9  # of the polynomials, relative to the largest partial by a parameter
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Cells:
+    """Division of n observations into c cells of one link and some minutes."""
+
+    argument: Floats  # (n,), time in the cell from -1 to 1, the same for all links
+    cell: Rows  # (n,), or -1
+    nodes: Rows  # (c, d + 1), observations that determine the coefficients, and one that tests them
+
+    @classmethod
+    def from_keys(cls, keys: Sequence[NDArray[Any]], time_s: Floats) -> Cells:
+        """Divide observations by keys (n,), the link first, within which partials are smooth, and epochs (n,), s."""
+        order = np.argsort(keys[0], kind="stable")
+        number, fraction = np.divmod((time_s - time_s.min()) / _CELL_S, 1.0)
+        argument, cell = 2.0 * fraction - 1.0, np.full(len(order), -1)
+        starts = np.flatnonzero(changed(number[order], *(np.nan_to_num(key)[order] for key in keys)))
+        counts = np.diff(starts, append=len(order))
+        is_ascending = np.add.reduceat(np.diff(argument[order], append=1.0) < 0.0, starts) <= 1
+        ends = argument[order[[starts, starts + counts - 1]]]
+        dense = (counts >= _MIN_ROWS) & (ends[1] - ends[0] >= 2.0 * _MIN_COVERAGE) & is_ascending
+        starts, numbers = starts[dense], np.where(dense, np.cumsum(dense) - 1, -1)
+        cell[order] = np.repeat(numbers, counts)
+        places = np.append(0.5 - 0.5 * np.cos(np.pi * np.arange(_COUNT) / (_COUNT - 1)), 0.5)
+        return cls(
+            argument, cell, order[starts[:, None] + np.rint(places * (counts[dense, None] - 1)).astype(int)]
+        )
+
+    def basis(self, rows: Rows) -> Floats:
+        """Legendre polynomials at the epochs of some observations, shape (..., d)."""
+        return np.asarray(np.polynomial.legendre.legvander(self.argument[rows], _COUNT - 1), dtype=np.float64)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SmoothPartials:
+    """Partials of n observations by p parameters, polynomials in cells."""
+
+    cells: Cells
+    partials: RowsOf  # of each observation
+    coefficients: Floats  # (c, d, p)
+    cell: Rows  # (n,), -1 where the polynomials are not precise
+
+    @classmethod
+    def from_nodes(cls, cells: Cells, partials: RowsOf) -> SmoothPartials:
+        """Determine the coefficients from partials of the nodes."""
+        coefficients, errors, largest = list[Floats](), list[Floats](), np.zeros(1)
+        for nodes in np.split(cells.nodes, range(ROWS_AT_ONCE // 8, len(cells.nodes), ROWS_AT_ONCE // 8)):
+            values = partials(nodes.ravel()).reshape(*nodes.shape, -1)
+            basis = cells.basis(nodes)
+            coefficients.append(np.linalg.inv(basis[:, :-1]) @ values[:, :-1])
+            errors.append(np.abs((basis[:, -1:] @ coefficients[-1])[:, 0] - values[:, -1]))
+            largest = np.maximum(largest, np.abs(values).max(axis=(0, 1), initial=0.0))
+        is_precise = np.append((np.concatenate(errors) <= _TOLERANCE * largest).all(axis=1), False)
+        return cls(
+            cells, partials, np.concatenate(coefficients), np.where(is_precise[cells.cell], cells.cell, -1)
+        )
+
+    def by(self, matrix: Floats) -> RowsOf:
+        """Return the function from rows (m,) to partials times a matrix (p, w), shape (m, w)."""
+        products = self.coefficients @ matrix
+
+        def rows_of(rows: Rows) -> Floats:
+            cell = self.cell[rows]
+            out = np.einsum("nd,ndw->nw", self.cells.basis(rows), products[cell])
+            single_rows = np.flatnonzero(cell < 0)
+            if len(single_rows):
+                out[single_rows] = self.partials(rows[single_rows]) @ matrix
+            return out
+
+        return rows_of
+
+    def squares(self, rows: Rows, root: Floats) -> Floats:
+        """Return the sums of the squares of partials times a root (p, w), shape (m,)."""
+        products = self.coefficients @ root
+        matrices = products @ np.swapaxes(products, 1, 2)
+        cell, basis = self.cell[rows], self.cells.basis(rows)
+        out = np.einsum("nd,nd->n", np.einsum("nd,nde->ne", basis, matrices[cell]), basis)
+        single_rows = np.flatnonzero(cell < 0)
+        if len(single_rows):
+            out[single_rows] = np.square(self.partials(rows[single_rows]) @ root).sum(axis=1)
+        return out
+
+    def condensed(
+        self, structures: Sequence[Structure], noise: KalmanFilter | None, residual_m: Floats, free: Rows
+    ) -> Iterator[Floats]:
+        """Yield rows (m, q + 1) with the normal matrix of whitened partials by free parameters and residuals.
+
+        `noise` is a further filter of all whitened observations.
+        """
+
+        def rows_of(rows: Rows) -> Floats:
+            return np.column_stack([self.partials(rows)[:, free], residual_m[rows]])
+
+        smooth, start = replace(self, coefficients=self.coefficients[:, :, free]), 0
+        for structure in structures:
+            part = slice(start, start := start + structure.rows.size)
+            count = len(self.cell)
+            if not isinstance(structure, Diagonal | Blocks):
+                values = np.concatenate(list(StructuredWhitener(count, (structure,)).whitened(rows_of)))
+                yield values if noise is None else noise.innovations(values, part)
+            elif noise is not None and noise.gain[part].any():
+                yield from smooth._filtered(structure, noise, part, residual_m, rows_of)
+            else:
+                scale = np.ones(structure.rows.size) if noise is None else noise.scale[part]
+                yield from smooth._independent(structure, scale, residual_m, rows_of)
+
+    def _groups(self, structure: Diagonal | Blocks) -> tuple[Rows, NDArray[np.bool_]]:
+        """Numbers of successive blocks of a structure in one cell, (g,), and whether polynomials represent them."""
+        members = structure.rows.reshape(len(structure.rows), -1)
+        cell = self.cell[members]
+        which = structure.which if isinstance(structure, Blocks) else np.zeros(len(cell))
+        starts = np.flatnonzero(changed(cell, which))
+        counts, argument = np.diff(starts, append=len(cell)), self.cells.argument[members[:, 0]]
+        covered = argument[starts + counts - 1] - argument[starts] >= 2.0 * _MIN_COVERAGE
+        return counts, (cell[starts] >= 0).all(axis=1) & (counts >= _MIN_ROWS) & covered
+
+    def _independent(
+        self, structure: Diagonal | Blocks, scale: Floats, residual_m: Floats, rows_of: RowsOf
+    ) -> Iterator[Floats]:
+        """Condense independent blocks of k observations, whose whitened values are multiplied by a scale."""
+        scale = scale.reshape(len(structure.rows), -1)
+        if isinstance(structure, Diagonal):
+            order = np.argsort(self.cell[structure.rows], kind="stable")
+            structure, scale = structure.select(order), scale[order]
+        counts, smooth = self._groups(structure)
+        mask, begin = np.repeat(smooth, counts), 0
+        for values in StructuredWhitener(len(self.cell), (structure.select(~mask),)).whitened(rows_of):
+            yield values * scale[~mask].ravel()[begin : (begin := begin + len(values)), None]
+        if not smooth.any():
+            return
+        dense, scale = structure.select(mask), scale[mask]
+        members = dense.rows.reshape(len(dense.rows), -1)
+        whitened = [column[:, 0] for column in StructuredWhitener(0, (dense,)).whitened(column(residual_m))]
+        residual = np.concatenate(whitened).reshape(members.shape) * scale
+        basis = self.cells.basis(members[:, 0])
+        first = np.cumsum(counts[smooth]) - counts[smooth]
+        if isinstance(dense, Blocks):
+            roots = dense.roots[dense.which[first]] * scale[first][:, :, None]
+        else:
+            basis, roots = basis * (scale / dense.sigma_m[:, None]), np.ones((len(first), 1, 1))
+        columns = [*np.ascontiguousarray(basis.T), *np.ascontiguousarray(residual.T)]
+        products = np.empty((len(first), _COUNT, len(columns)))
+        for i in range(_COUNT):
+            for j in range(i, len(columns)):
+                products[:, i, j] = np.add.reduceat(columns[i] * columns[j], first)
+        # Legendre polynomials are nearly orthogonal: normal equations of a cell lose no digits.
+        factor = np.linalg.cholesky(products[:, :, :_COUNT], upper=True)
+        right_side = np.linalg.solve(np.swapaxes(factor, 1, 2), products[:, :, _COUNT:])
+        at_once = ROWS_AT_ONCE // (_COUNT * members.shape[1])
+        for groups in (slice(k, k + at_once) for k in range(0, len(first), at_once)):
+            coefficients = self.coefficients[self.cell[members[first[groups]]]]
+            for k in range(members.shape[1]):
+                combined = np.einsum("gl,gldp->gdp", roots[groups, k], coefficients)
+                rows = np.concatenate([factor[groups] @ combined, right_side[groups, :, k : k + 1]], axis=2)
+                yield rows.reshape(-1, rows.shape[2])
+
+    def _filtered(
+        self, structure: Structure, noise: KalmanFilter, part: slice, residual_m: Floats, rows_of: RowsOf
+    ) -> Iterator[Floats]:
+        """Condense observations whose errors are correlated in time: the filter's state goes on from cell to cell."""
+        assert isinstance(structure, Diagonal)
+        weight, rows = 1.0 / structure.sigma_m, structure.rows
+        basis = np.column_stack([self.cells.basis(rows) * weight[:, None], np.zeros(len(rows))])
+        residual = noise.innovations((residual_m[rows] * weight)[:, None], part)
+        state = np.zeros((1, self.coefficients.shape[2]))
+        end = 0
+        for count, smooth in zip(*self._groups(structure), strict=True):
+            group = slice(end, end := end + count)
+            filter_rows = slice(part.start + group.start, part.start + end)
+            if not smooth:
+                values = rows_of(rows[group])[:, :-1] * weight[group, None]
+                values = noise.innovations(values, filter_rows, state)
+                yield np.column_stack([values, residual[group]])
+                continue
+            # Columns of the polynomials, and of the state before the cell.
+            response = np.append(np.zeros(_COUNT), 1.0)[None]
+            whitened = noise.innovations(basis[group], filter_rows, response)
+            triangle = np.asarray(np.linalg.qr(np.column_stack([whitened, residual[group]]), mode="r"))[:-1]
+            of_cell = np.concatenate([self.coefficients[self.cell[rows[group.start]]], state])
+            yield np.column_stack([triangle[:, :-1] @ of_cell, triangle[:, -1]])
+            state = response @ of_cell

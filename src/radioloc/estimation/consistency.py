@@ -187,14 +187,14 @@ class _Search:
     def groups(self, problem: BinnedProblem) -> list[tuple[str, str, Links, Span]]:
         """Return kind, name, links and interval of the groups that leave observations of others."""
         order, codes = self.hypotheses.order, self.hypotheses.codes
-        links_of: dict[tuple[str, str], Links] = {
+        group_links: dict[tuple[str, str], Links] = {
             ("link", order.series[code].name): {code: 1.0} for code in codes
         }
         for code in codes:
-            links_of.setdefault(("type", order.series[code].kind), {})[code] = 1.0
-        links_of |= {("station", name): links for name, links in order.of_stations(codes).items()}
+            group_links.setdefault(("type", order.series[code].kind), {})[code] = 1.0
+        group_links |= {("station", name): links for name, links in order.of_stations(codes).items()}
         groups: list[tuple[str, str, Links, Span]] = []
-        for (kind, name), links in links_of.items():
+        for (kind, name), links in group_links.items():
             spans = passes(problem, links) if kind == "station" else []
             if 1 < len(spans) < _MAX_GROUP_COUNT - len(groups):
                 groups += [("pass", name, links, span_s) for span_s in spans]
@@ -349,10 +349,10 @@ def _with_alternatives(
         item for item in candidates if not item.is_group and _is_possible(item, best, products, noise_dof)
     ]
     possible.sort(key=lambda item: (len(item.indices), item.sigmas))
-    by_name = dict[tuple[str, Span], _Candidate]()
+    simplest = dict[tuple[str, Span], _Candidate]()
     for item in possible:  # a vector and its components share a name: the simplest one stays
-        by_name.setdefault((item.hypothesis.name, item.hypothesis.span_s), item)
-    causes = [item for item in by_name.values() if not _has_specific_equivalent(item, products, possible)]
+        simplest.setdefault((item.hypothesis.name, item.hypothesis.span_s), item)
+    causes = [item for item in simplest.values() if not _has_specific_equivalent(item, products, possible)]
     causes.sort(key=_log_odds, reverse=True)
     if not causes:
         return best

@@ -136,14 +136,14 @@ def fit_with_editing(
             residual_function, parameters, noise, used=used, start=x, linearization=linearization
         )
 
-    def scale_of(residual_m: Floats) -> float:
+    def spread(residual_m: Floats) -> float:
         return robust_scale(residual_m[usable] / noise.sigma_m[usable], free_count)
 
     # An outlier is detectable only if the other observations are redundant.
     max_rejected = min(int(_MAX_REJECTED_FRACTION * usable_count), usable_count - free_count - 1)
     if threshold is None or max_rejected < 1:
         result = fit(usable, x, linearization)
-        return EditedFit(result, initial_status, scale_of(result.residual_m))
+        return EditedFit(result, initial_status, spread(result.residual_m))
 
     process = getattr(linearization, "process", None)
     if previous is not None:
@@ -155,7 +155,7 @@ def fit_with_editing(
             residual_function, parameters, noise.sigma_m, usable, linearization, x
         )
         residual_m = linearization.residual_m
-    scale = scale_of(residual_m)
+    scale = spread(residual_m)
     last_fit = None if previous is None else previous.fit
     selections: list[NDArray[np.bool_]] = []
     while True:
@@ -179,7 +179,7 @@ def fit_with_editing(
             message = f"the editing did not settle in {_MAX_PASSES} passes"
             selection = _Selection(selection.used, message, complete=False)
         last_fit = result = fit(selection.used, x, linearization)
-        scale = scale_of(result.residual_m)
+        scale = spread(result.residual_m)
         selections.append(selection.used)
         if selection.message or result.status in (FitStatus.DIVERGED, FitStatus.MAX_ITERATIONS):
             return EditedFit(

@@ -1,4 +1,14 @@
-"""Observability: undetermined and weakly determined combinations of parameters, in words."""
+"""Observability: combinations of parameters that the observations determine poorly or not at all.
+
+Parameters are counted in their scales D, which change an observation by about one metre. With the covariance P of the
+estimated parameters, the combination of unit vector v has the standard deviation
+
+    sigma(v) = sqrt(v^T D^-1 P D^-1 v).
+
+Directions of zero singular values are *undetermined*; eigenvectors of D^-1 P D^-1 with sigma(v) above 100 median
+observation sigmas are *weak*. The *common part* of a kind is the mean of its parameters if the data determine only
+their differences.
+"""
 
 from __future__ import annotations
 
@@ -16,69 +26,73 @@ from radioloc.parameters.parameter import ParameterSet, Role
 from radioloc.vectors import Floats
 
 WEAK_FACTOR = 100.0
-"""A combination is weak when its sigma is this many times the median sigma of one observation: errors of the model
-(centimetres) then stand in the answer as metres, whatever the sigma says."""
+"""Sigma of a weak combination over the median observation sigma: errors of the model, centimetres, become metres."""
 
-STRONG_CORRELATION = 0.95  # listed above: the two parameters share more than 90 % of their variance
-
-MIN_SIGMA_RATIO = 0.7  # of a common part to the a-priori one, to be named: the data improve it little
-
-_MIN_POSITION_SIGMAS = 0.3  # that the position moves with one sigma of a common part, to be named
-
-_SMALLEST_WEIGHT = 0.05  # parts of a direction below this are left out of its text
+STRONG_CORRELATION = (
+    0.95  # bound of listed correlations: two parameters share more than 90 % of their variance
+)
+MIN_SIGMA_RATIO = (
+    0.7  # smallest ratio of the sigma of a common part to its a-priori sigma: the data improve it little
+)
+_MIN_POSITION_FRACTION = (
+    0.3  # smallest shift of the position by one sigma of a common part, in its own sigmas
+)
+_MIN_WEIGHT = 0.05  # smallest component of a direction in its text
 
 
 @dataclass(frozen=True, slots=True)
 class Direction:
-    """A combination of parameters: a unit vector, each part counted in its parameter's scale."""
+    """Combination of parameters as a unit vector in parameter scales."""
 
-    #: Parts by parameter, the largest first; the squares add up to nearly one, the first is positive.
-    weights: dict[str, float]
-    #: Standard deviation along it, in parameter scales; infinite where undetermined. Formal, or with correlated
-    #: weights that of the weights.
-    sigma: float
-    unit: str  #: unit of `sigma`: ``"m"`` if all parts are in metres, otherwise ``"scales"``
-    changes: tuple[str, ...]  #: how far each parameter moves along one sigma, with its unit
+    weights: dict[str, float]  #: components by parameter, the largest first; the first is positive
+    sigma: float  #: formal standard deviation in parameter scales, by the weights of the fit; infinite if undetermined
+    unit: str  #: unit of `sigma`: ``"m"`` if all parameters are in metres, otherwise ``"scales"``
+    changes: tuple[str, ...]  #: change of each parameter along one sigma, with its unit
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Parameters that take part, the largest part first."""
+        """Parameters of the combination, the largest component first."""
         return tuple(self.weights)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the parts by parameter in types of JSON."""
+        """Return the components by parameter in types of JSON."""
         return {"weights": self.weights, "sigma": finite_or_none(self.sigma), "unit": self.unit}
 
     def __str__(self) -> str:
         if len(self.weights) == 1:
             return self.names[0]
-        signs = ("- " if weight < 0.0 else "+ " for weight in self.weights.values())
-        parts = (f"{abs(weight):.2f} {name}" for name, weight in self.weights.items())
-        return " ".join(map("".join, zip(signs, parts, strict=True))).removeprefix("+ ")
+        terms = (
+            f"{'-' if weight < 0.0 else '+'} {abs(weight):.2f} {name}"
+            for name, weight in self.weights.items()
+        )
+        return " ".join(terms).removeprefix("+ ")
 
 
 @dataclass(frozen=True, slots=True)
 class CommonPart:
-    """The mean of all parameters of a kind, where the data determine little more than their differences."""
+    """Mean of the parameters of a kind of which the data determine little more than the differences."""
 
     kind: str
-    count: int  # of the parameters, two or more
+    count: int  # number of parameters, two or more
     sigma: float  # of their mean, in `unit`
-    prior_sigma: float  # before there were data; infinite where one of them has no a-priori sigma
+    prior_sigma: float  # of the mean a priori; infinite if a parameter has no a-priori sigma
     unit: str
-    position_m: float  # how far the position moves with one sigma of the mean
-    correlation: float  # of the mean with the position's parameter that it is correlated with most
-    correlated_with: str  # that parameter; empty where the position is held
+    position_m: float  # shift of the position by one sigma of the mean
+    correlation: float  # largest correlation of the mean with a parameter of the position
+    correlated_with: str  # that parameter; empty if the position is fixed
 
     def __str__(self) -> str:
-        text = f"common {self.kind.replace('_', ' ')} of {self.count}: sigma {self.sigma:.3g} {self.unit}"
-        if math.isfinite(self.prior_sigma):
-            text += f" ({self.prior_sigma:.3g} {self.unit} a priori)"
+        prior = f", prior {self.prior_sigma:.3g} {self.unit}" if math.isfinite(self.prior_sigma) else ""
+        text = (
+            f"the data do not resolve the mean {self.kind.replace('_', ' ')} of {self.count} "
+            f"(sigma {self.sigma:.3g} {self.unit}{prior})"
+        )
+        if self.position_m > 0.0:
+            text += f"; one sigma of it shifts the position by {self.position_m:.3g} m"
         if self.correlated_with:
-            text += (
-                f", correlated {self.correlation:.2f} with {self.correlated_with.removeprefix('position.')}"
-            )
-        return text + (f"; {self.position_m:.3g} m of position per sigma" if self.position_m > 0.0 else "")
+            name = self.correlated_with.removeprefix("position.")
+            text += f" (correlation {self.correlation:.2f} with the {name})"
+        return text
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,26 +111,26 @@ class Correlation:
 class Observability:
     """Determination of the parameters by the observations and a-priori values."""
 
-    #: (q,), of the whitened partials and a-priori rows with columns scaled to length one, descending.
-    singular_values: Floats
+    singular_values: Floats  #: (q,), of the whitened design matrix with columns of length one, descending
     undetermined: tuple[Direction, ...]  #: combinations without information
-    #: Combinations that are determined, but poorly (:data:`WEAK_FACTOR`), the worst first.
-    weak: tuple[Direction, ...]
+    weak: tuple[Direction, ...]  #: poorly determined combinations (:data:`WEAK_FACTOR`), the worst first
     correlations: tuple[Correlation, ...]  #: pairs above :data:`STRONG_CORRELATION`, the strongest first
-    #: Median stated sigma of the used observations other than counts, m; 0 without any.
-    observation_sigma_m: float
-    #: Kinds of parameters whose differences are determined, and whose mean is not.
-    common: tuple[CommonPart, ...]
+    observation_sigma_m: (
+        float  #: median stated sigma of used observations other than counts, m; 0 without any
+    )
+    common: tuple[
+        CommonPart, ...
+    ]  #: kinds of parameters whose differences are determined, and whose mean is not
 
     @property
     def condition_number(self) -> float:
-        """Largest over smallest singular value; infinite if something is undetermined, 1 if all is fixed."""
+        """Largest over smallest singular value; infinite with undetermined directions, 1 if all is fixed."""
         if self.undetermined:
             return math.inf
         return float(self.singular_values[0] / self.singular_values[-1]) if len(self.singular_values) else 1.0
 
     def to_dict(self) -> dict[str, Any]:
-        """All of it in types that JSON has, with the sentences as ``text``."""
+        """Return all fields for JSON, with the sentences as ``text``."""
         return {
             "complete": not self.undetermined,
             "text": list(self.describe()),
@@ -131,15 +145,14 @@ class Observability:
         }
 
     def describe(self) -> tuple[str, ...]:
-        """Sentences for people; none if all is well determined."""
+        """Return the results in sentences, empty if all parameters are well determined."""
         lines = [f"the data do not determine {direction}" for direction in self.undetermined]
         lines += [str(part) for part in self.common]
         for direction in self.weak:
+            changes = map(" ".join, zip(direction.names, direction.changes, strict=True))
+            text = f"{', '.join(changes)} together (1 sigma)"
             if len(direction.names) == 1:
                 text = f"{direction.names[0]}, sigma {direction.changes[0].removeprefix('+')}"
-            else:
-                changes = map(" ".join, zip(direction.names, direction.changes, strict=True))
-                text = f"{', '.join(changes)} together (1 sigma)"
             if direction.unit == "m":
                 ratio = direction.sigma / self.observation_sigma_m
                 text += f", {ratio:.0f} times the sigma of one observation ({self.observation_sigma_m:.3g} m)"
@@ -164,13 +177,11 @@ class Observability:
 
 
 def assess_observability(fit: FitResult, counted: NDArray[np.bool_] | None = None) -> Observability:
-    """Name poorly determined parameters and combinations; `counted` (n,) are observations over a count interval.
+    """Find undetermined and weak combinations, common parts and strong correlations of the estimated parameters.
 
-    Weak directions are eigenvectors of the covariance in parameter scales, so of all combinations of unit length those
-    of largest sigma. The basis of undetermined directions is in reduced echelon form, so that each names as few
-    parameters as it can.
+    `counted` (n,) marks observations over a count interval, whose sigmas do not compare with those of a position. The
+    basis of undetermined directions is in reduced echelon form, so that each has as few parameters as possible.
     """
-    # Metres of a Doppler count do not compare with those of a position. Consider parameters are not reported.
     adjusted, considered = fit.parameters.free, fit.parameters.considered
     is_estimated = ~considered[adjusted]
     parameters = ParameterSet([item for item in fit.parameters if item.role is not Role.CONSIDERED])
@@ -197,44 +208,40 @@ def assess_observability(fit: FitResult, counted: NDArray[np.bool_] | None = Non
 
 
 def _common_parts(parameters: ParameterSet, covariance: Floats, sigma_m: float) -> tuple[CommonPart, ...]:
-    """Kinds whose mean is hardly better known than a priori, or, without a-priori sigmas, weak."""
-
-    def rows_of(kind: str) -> list[int]:
-        return [k for k in parameters.of_kind(kind) if not parameters.parameters[k].fixed]
-
-    parts, position = [], rows_of("position")
-    for kind in dict.fromkeys(item.kind for item in parameters if item.kind != "position"):
-        rows = rows_of(kind)
-        if len({parameters.parameters[k].unit for k in rows}) > 1:
-            continue  # position and velocity have no mean
-        variances = np.diag(covariance)[rows + position]
-        if len(rows) < 2 or not np.isfinite(variances).all():
+    """Find the kinds whose mean has nearly its a-priori sigma, or is weak without a-priori sigmas."""
+    free = {
+        kind: [k for k in parameters.of_kind(kind) if parameters.free[k]]
+        for kind in dict.fromkeys(item.kind for item in parameters)
+    }
+    position, parts = free.pop("position", []), []
+    for kind, rows in free.items():
+        count, units = len(rows), {parameters.parameters[k].unit for k in rows}
+        finite = np.isfinite(np.diag(covariance)[rows + position]).all()
+        if count < 2 or len(units) > 1 or not finite:  # position and velocity have no mean
             continue
-        count = len(rows)
         first = parameters.parameters[rows[0]]
         sigma = math.sqrt(float(covariance[np.ix_(rows, rows)].sum())) / count
         prior_sigma = float(np.linalg.norm(parameters.prior_sigmas[rows])) / count
-        min_sigma = (
-            MIN_SIGMA_RATIO * prior_sigma
-            if math.isfinite(prior_sigma)
-            else WEAK_FACTOR * sigma_m * first.scale
-        )
+        has_prior = math.isfinite(prior_sigma)
+        min_sigma = MIN_SIGMA_RATIO * prior_sigma if has_prior else WEAK_FACTOR * sigma_m * first.scale
         if not sigma > min_sigma > 0.0:
             continue
         shift = covariance[np.ix_(position, rows)].mean(axis=1) / sigma / parameters.scales[position]
         position_m = float(np.linalg.norm(shift))
         sigmas_m = np.sqrt(np.diag(covariance)[position]) / parameters.scales[position]
-        if position_m >= _MIN_POSITION_SIGMAS * float(np.linalg.norm(sigmas_m)):
-            correlated = 0.0, ""
+        if position_m >= _MIN_POSITION_FRACTION * float(np.linalg.norm(sigmas_m)):
+            correlation, name = 0.0, ""
             if position:
                 index = int(np.argmax(np.abs(shift / sigmas_m)))
-                correlated = float((shift / sigmas_m)[index]), parameters.names[position[index]]
-            parts.append(CommonPart(kind, count, sigma, prior_sigma, first.unit, position_m, *correlated))
+                correlation, name = float((shift / sigmas_m)[index]), parameters.names[position[index]]
+            parts.append(
+                CommonPart(kind, count, sigma, prior_sigma, first.unit, position_m, correlation, name)
+            )
     return tuple(parts)
 
 
 def correlation_matrix(covariance: Floats) -> Floats:
-    """Correlations of a covariance, shape (p, p); zero beside fixed and undetermined parameters."""
+    """Return the correlations of a covariance, (p, p); zero for fixed and undetermined parameters."""
     sigmas = np.sqrt(np.diag(covariance))
     determined = np.isfinite(sigmas) & (sigmas > 0.0)
     correlations = np.eye(len(sigmas))
@@ -251,9 +258,9 @@ def _strong_correlations(covariance: Floats, names: tuple[str, ...]) -> tuple[Co
 
 
 def _direction(vector: Floats, sigma: float, parameters: ParameterSet) -> Direction:
-    """Direction of a unit vector over the free parameters in their scales."""
+    """Return the combination of a unit vector over the free parameters in their scales."""
     free = np.flatnonzero(parameters.free)
-    order = [int(k) for k in np.argsort(-np.abs(vector), kind="stable") if abs(vector[k]) >= _SMALLEST_WEIGHT]
+    order = [int(k) for k in np.argsort(-np.abs(vector), kind="stable") if abs(vector[k]) >= _MIN_WEIGHT]
     vector = vector * np.sign(vector[order[0]])
     items = {k: parameters.parameters[free[k]] for k in order}
     return Direction(
@@ -271,7 +278,7 @@ def _change(value: float, unit: str) -> str:
 
 
 def _simple_basis(rows: Floats) -> Floats:
-    """Reduced echelon form of independent rows (largest pivot first), each then scaled to length one."""
+    """Reduce independent rows to echelon form, largest pivot first, and scale each to length one."""
     basis = np.array(rows)
     if not len(basis):
         return basis

@@ -71,9 +71,9 @@ def orbit_state(
 
 def _name_prefixes(orbits: GravityErrorOrbits, model: ObservationModel) -> dict[int, str]:
     """Return prefixes of the names of each orbit's gravity errors; that of the first field omits the target."""
-    prefixes, by_field = dict[int, str](), dict[tuple[str, int], str]()
+    prefixes, field_prefixes = dict[int, str](), dict[tuple[str, int], str]()
     for k, orbit in orbits.items():
         gravity = orbit.forces.gravity
-        prefix = f"gravity_error.{model.targets[k].name}." if by_field else "gravity_error."
-        prefixes[k] = by_field.setdefault((gravity.name, gravity.degree), prefix)
+        prefix = f"gravity_error.{model.targets[k].name}." if field_prefixes else "gravity_error."
+        prefixes[k] = field_prefixes.setdefault((gravity.name, gravity.degree), prefix)
     return prefixes

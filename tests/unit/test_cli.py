@@ -22,7 +22,7 @@ from radioloc import cli
 from radioloc.cli.output import BAD_INPUT, EXIT_STATUS
 from radioloc.cli.registry import make_parser
 from radioloc.errors import ConvergenceError, DataQualityWarning, PredictedEopWarning
-from radioloc.jobs import locate, preparation
+from radioloc.jobs import locate
 
 TABLE = EXAMPLES / "apollo15" / "apollo15_apollo_2006-2007.csv"
 JPL_PA_M = np.array([1554678.949, 98094.118, 765004.906])  # JPL IOM 335-JW,DB,WF-20080314-001, DE421
@@ -116,24 +116,6 @@ def test_locate_prints_a_card_and_writes_the_files(run, folder):
     assert solution["fit"]["used"] + solution["fit"]["rejected"] == len(rows)
     used = [row["status"] for row in rows].count("used")
     assert used == solution["fit"]["used"]
-
-
-@pytest.mark.study
-@pytest.mark.usefixtures("undrawn")
-def test_terms(run, folder, monkeypatch):
-    prepared = []
-
-    def counted(*arguments):
-        prepared.append(arguments)
-        return prepare_predictor(*arguments)
-
-    prepare_predictor = preparation.prepare_predictor
-    monkeypatch.setattr(preparation, "prepare_predictor", counted)
-    outcome = run(study_of(), "--out", folder / "out", "--terms", "--quiet")
-    assert outcome.status == 0
-    assert len(prepared) == 1
-    assert len(rows_of(folder / "out" / "terms.csv")) == len(rows_of(folder / "out" / "residuals.csv"))
-    refused(run(study_of(), "--terms"), "--terms needs --out DIR")
 
 
 @pytest.mark.usefixtures("undrawn")

@@ -145,13 +145,3 @@ def test_files_of_too_many_pixels_are_refused(tmp_path, read):
         pass
     with pytest.raises(FileFormatError, match="got 32000 x 32000"):
         read(tmp_path / "a.tif")
-
-
-@pytest.mark.parametrize("name", ["a.png", "a.tif", "a.jpg"])
-@pytest.mark.parametrize("part", [0.9, 0.5, 0.1])
-def test_cut_files_are_refused(tmp_path, name, part):
-    cv2.imwrite(str(tmp_path / name), GREY)
-    content = (tmp_path / name).read_bytes()
-    (tmp_path / name).write_bytes(content[: int(part * len(content))])
-    with pytest.raises(FileFormatError, match=name):
-        read_frame(tmp_path / name)

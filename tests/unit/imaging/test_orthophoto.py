@@ -8,7 +8,6 @@ import terrain_maps
 from paths import ISDS
 from rasterio.transform import Affine
 
-from radioloc.errors import InputError
 from radioloc.imaging import (
     Camera,
     ConstantOrientation,
@@ -128,47 +127,6 @@ def test_data_types_are_kept_and_hidden_cells_masked(tmp_path):
             assert file.transform.c % 5.0 == 0.0
             assert file.crs.to_dict()["proj"] == "eqc"
     assert projection == "IAU_2015:30110"
-
-
-def read_at(path, x, y):
-    """Return values of a map at places, and whether each is visible."""
-    with rasterio.open(path) as file:
-        values = file.read(1, masked=True)
-        rows, columns = rasterio.transform.rowcol(file.transform, x, y)
-        in_map = (np.array(rows) >= 0) & (np.array(rows) < file.height)
-        in_map &= (np.array(columns) >= 0) & (np.array(columns) < file.width)
-        selected = values[np.clip(rows, 0, file.height - 1), np.clip(columns, 0, file.width - 1)]
-    return np.asarray(selected.data), in_map & ~np.ma.getmaskarray(selected)
-
-
-@pytest.mark.study
-def test_later_images_of_a_mosaic_cover_earlier_ones(tmp_path):
-    """Compare with the orthophotos of both images, cell by cell."""
-    longitude, latitude, _, _ = CASES["equator"]
-    terrain = hilly(tmp_path / "dem.tif", longitude, latitude, local_projection(longitude, latitude))
-    high = camera_over(longitude, latitude)
-    low = camera_over(longitude + 0.012, latitude, off_nadir_deg=10.0, height_m=1200.0)
-    images = {"high": (spots(high, terrain, "uint8")[0], high), "low": (spots(low, terrain, "uint8")[0], low)}
-    for name, (image, model) in images.items():
-        write_orthophoto(tmp_path / f"{name}.tif", [(image, model)], terrain, resolution_m=5.0)
-    write_orthophoto(tmp_path / "both.tif", list(images.values()), terrain, resolution_m=5.0)
-    with rasterio.open(tmp_path / "both.tif") as file:
-        rows, columns = np.mgrid[: file.height, : file.width].reshape(2, -1)
-        x, y = rasterio.transform.xy(file.transform, rows, columns)
-    (mosaic, visible), (high_values, in_high), (low_values, in_low) = (
-        read_at(tmp_path / f"{name}.tif", x, y) for name in ("both", "high", "low")
-    )
-    assert 1000 < (in_low & in_high).sum() < in_high.sum()
-    assert (in_low & ~in_high).sum() > 1000
-    np.testing.assert_array_equal(visible, in_high | in_low)
-    np.testing.assert_array_equal(mosaic[visible], np.where(in_low, low_values, high_values)[visible])
-    with pytest.raises(InputError, match="got float64"):
-        write_orthophoto(
-            tmp_path / "no.tif",
-            [images["high"], (images["low"][0].astype(float), low)],
-            terrain,
-            resolution_m=5.0,
-        )
 
 
 def test_ground_behind_a_ridge_is_masked(tmp_path):

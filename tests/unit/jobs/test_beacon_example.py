@@ -11,7 +11,6 @@ from paths import EXAMPLES
 
 import radioloc
 from radioloc.constants import C_M_S
-from radioloc.results.solution import FitStatus
 
 EXAMPLE = EXAMPLES / "beacon"
 # Three decimals in the files.
@@ -77,11 +76,3 @@ def test_a_nominal_frequency_that_is_far_off_does_not_move_the_lander(solution):
     result = radioloc.locate(replace(study, observations=replace(study.observations, frequencies=[wrong])))
     assert result.converged
     assert np.linalg.norm(result.position_pa_m - solution.position_pa_m) < WEIGHTS_M
-
-
-@pytest.mark.study
-def test_without_a_height_it_does_not_end_on_the_moon():
-    separate_solution = radioloc.locate(EXAMPLE / "doppler_alone.toml")
-    assert not separate_solution.converged
-    assert separate_solution.status is not FitStatus.CONVERGED
-    assert separate_solution.to_dict()["sigma"]["up_m"] > 1e5

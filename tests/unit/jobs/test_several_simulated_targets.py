@@ -11,11 +11,6 @@ from radioloc.measurements import PhysicalModel
 from radioloc.simulation import TruthSigma
 
 ROVER = "longitude_deg = -20.0\nlatitude_deg = 10.0\nheight_m = -1500.0\n"
-CRAFT = """dynamics = "moon"
-epoch = "2020-12-01T15:30:00"
-position_m = [-575739.0, -463249.0, 1631639.0]
-velocity_m_s = [-567.864, -1434.223, -600.209]
-"""
 TRUE_LONGITUDE_DEG = -20.002
 
 
@@ -57,16 +52,6 @@ defaults = false
 def two_points(tmp_path_factory):
     path = tmp_path_factory.mktemp("two") / "two.toml"
     path.write_text(text(ROVER, ROVER.replace("-20.0", str(TRUE_LONGITUDE_DEG))))
-    return radioloc.read_study(path)
-
-
-@pytest.fixture(scope="module")
-def lander_and_orbiter(tmp_path_factory):
-    path = tmp_path_factory.mktemp("both") / "both.toml"
-    forces = "[forces]\ndegree = 10\ngravity_errors = 0\n"
-    path.write_text(
-        text(CRAFT, "position_m = [-575639.0, -463349.0, 1631639.0]", kind_of_truth="state", extra=forces)
-    )
     return radioloc.read_study(path)
 
 
@@ -126,23 +111,6 @@ def test_planned_sigmas_of_each_target_are_those_of_the_trials(two_points):
         assert trials.arcs[0].nees.low < trials.arcs[0].nees.mean < trials.arcs[0].nees.high
     assert [result.name for result in trial_set.others] == ["two, second"]
     assert {"trials.csv", "trials_2.csv", "montecarlo.json"} == {*trial_set.files()}
-
-
-@pytest.mark.study
-def test_trials_of_a_lander_and_an_orbiter_have_the_axes_of_each(lander_and_orbiter):
-    trial_set = radioloc.monte_carlo(lander_and_orbiter, trials=100, hours=4.0)
-    assert trial_set.linearity.passed
-    [craft] = trial_set.others
-    assert (trial_set.sides[0], craft.sides[0]) == ("east", "along")
-    assert not np.isnan(trial_set.values).all(axis=(0, 1)).any()
-    for arc in (*trial_set.arcs, *craft.arcs):
-        assert arc.nees.low < arc.nees.mean < arc.nees.high
-    assert "nees_state" in craft.columns
-    planned = radioloc.covariance(replace(lander_and_orbiter, candidates=()), hours=4.0)
-    state = planned.others[0].longest.state
-    np.testing.assert_allclose(
-        np.median(craft["sigma_radial_m"][:, 0]), state.sigma_rtn_m(state.epoch)[0, 0], rtol=0.05
-    )
 
 
 @pytest.mark.parametrize(

@@ -167,28 +167,3 @@ def locate(site, scene, observations=None, **choice):
         model=ModelChoice(off=["troposphere"]),
     )
     return radioloc.locate(study, scene.observations if observations is None else observations)
-
-
-@pytest.mark.study
-def test_delays_of_four_stations_carry_half_of_what_they_seem_to(site, scene):
-    solution = locate(site, scene, vlbi_station_sigma_m=STATION_M)
-    assert solution.converged
-    assert set(solution.fit.excess_noise_m.values()) == {0.0}
-    delays = scene.observations.types() == "vlbi_delay"
-    expected_m = np.where(delays, math.hypot(OWN_M, math.sqrt(2.0) * STATION_M), RANGE_M)
-    assert solution.residuals.sigma_m == pytest.approx(expected_m, rel=1e-12)
-    assert solution.fit.chi2_per_dof == pytest.approx(1.0, abs=5.0 * math.sqrt(2.0 / solution.fit.dof))
-    away_m = solution.position_pa_m - scene.target_pa_m
-    assert away_m @ np.linalg.solve(solution.position_covariance("pa"), away_m) < 21.1  # 1e-4 by chance
-    assert solution.provenance["vlbi_station_sigma_m"] == STATION_M
-    # The same sigmas, nothing said of what is shared, which the residuals show.
-    own_m = np.where(delays, expected_m, scene.observations.sigma_m)
-    shown = locate(site, scene, replace(scene.observations, sigma_m=own_m))
-    assert shown.fit.shared_noise_m == {
-        f"vlbi_delay of {name}": pytest.approx(STATION_M, rel=0.01) for name in sorted(STATIONS)
-    }
-    assert "common to the delays of one epoch" in " ".join(str(shown).split())
-    assert solution.sigma_enu_m("formal") == pytest.approx(shown.sigma_enu_m("formal"), rel=0.01)
-    # Not known of, it is an additive component, a little less than that of a delay.
-    separate = locate(site, scene)
-    assert separate.fit.excess_noise_m["vlbi_delay"] == pytest.approx(math.sqrt(2.0) * STATION_M, rel=0.2)

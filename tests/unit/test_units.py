@@ -9,7 +9,6 @@ from astropy.time import Time
 
 from radioloc.earth import Station, geodetic_from_itrf
 from radioloc.errors import InputError, StationError
-from radioloc.lunar import LunarPosition, selenographic_to_cartesian
 from radioloc.measurements import Link, Observations
 from radioloc.time import Epochs
 from radioloc.units import as_metres, in_unit
@@ -40,27 +39,6 @@ def test_quantities_are_converted_and_bare_numbers_left_as_they_are():
 def test_what_is_no_length_is_refused_by_name(value):
     with pytest.raises(InputError, match="range_m"):
         as_metres(value, "range_m")
-
-
-def test_a_position_on_the_moon():
-    point = LunarPosition.from_selenographic(-51.9, 43.06, -2500.0)
-    assert np.array_equal(
-        LunarPosition.from_selenographic(-51.9 * u.deg, 43.06 * u.deg, -2.5 * u.km).xyz_m, point.xyz_m
-    )
-    for copy in (
-        LunarPosition(point.frame, point.xyz_m * u.m),
-        LunarPosition(point.frame, point.xyz_m / 1e3 * u.km),
-        LunarPosition.from_cartesian([x * u.m for x in point.xyz_m], point.frame),
-    ):
-        assert np.abs(copy.xyz_m - point.xyz_m).max() < 1e-9
-    with pytest.raises(InputError, match=r"latitude_deg"):
-        LunarPosition.from_selenographic(0.0, 1.0 * u.km, 0.0)
-    with pytest.raises(InputError, match="three finite numbers"):
-        LunarPosition("PA_DE421", ["a", "b", "c"])
-    assert np.array_equal(
-        selenographic_to_cartesian(30.0 * u.deg, 10.0 * u.deg, 1.0 * u.km),
-        selenographic_to_cartesian(np.radians(30.0), np.radians(10.0), 1000.0),
-    )
 
 
 def test_a_station():

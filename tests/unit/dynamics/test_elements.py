@@ -5,7 +5,7 @@ import pytest
 import spiceypy
 
 from radioloc.dynamics import elements_from_state, state_from_elements
-from radioloc.dynamics.elements import FORMS, equatorial_axes, state_with_partials
+from radioloc.dynamics.elements import equatorial_axes, state_with_partials
 from radioloc.ephemeris import LunarOrientation
 from radioloc.errors import InputError
 from radioloc.time import epochs_from_strings
@@ -96,14 +96,3 @@ def test_elements_outside_of_ellipses(changes, words):
     elements = [changes.get(k, value) for k, value in enumerate(KEPLERIAN[0])]
     with pytest.raises(InputError, match=words):
         state_from_elements(elements, GM, np.eye(3))
-
-
-@pytest.mark.parametrize(
-    "state",
-    [[1.8e6, 0.0, 0.0, 0.0, -1650.0, 0.0], [1.8e6, 0.0, 0.0, 100.0, 0.0, 0.0], [0.0] * 6, [np.nan] * 6],
-    ids=["against the axes", "no plane", "at the centre", "no numbers"],
-)
-@pytest.mark.parametrize("form", FORMS)
-def test_states_without_elements(state, form):
-    with pytest.raises(InputError, match="elliptic or hyperbolic"):
-        elements_from_state(state, GM, np.eye(3), form)

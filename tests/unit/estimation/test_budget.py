@@ -10,7 +10,6 @@ from radioloc.estimation.consider import by_source, prior_effects
 from radioloc.estimation.least_squares import fit_least_squares
 from radioloc.parameters.considered import considered_choices
 from radioloc.parameters.parameter import Parameter, ParameterSet
-from radioloc.results.subsets import horizontal_sigmas
 
 RNG = np.random.default_rng(7)
 
@@ -76,17 +75,3 @@ def test_the_budget_adds_up(solution):
     assert item.total_m**2 == pytest.approx(np.sum([np.square(r["position_enu_m"]) for r in kashi]))
     wholes = by_source(budget)
     assert sum(total.total_m**2 for total in wholes) == pytest.approx(np.sum(np.square(totals)))
-
-
-@pytest.mark.study
-def test_errors_in_common_cancel_between_arcs(solution):
-    """A part that leads elsewhere is no wonder where considered errors move it otherwise than the whole."""
-    moved_m = solution.rot_pa_to_enu.T @ [30.0, 0.0, 0.0]
-    part = replace(
-        solution, position_pa_m=solution.position_pa_m + moved_m, covariance=1.5 * solution.covariance
-    )
-    common = horizontal_sigmas(part, solution)
-    reference = horizontal_sigmas(replace(part, consider=None), replace(solution, consider=None))
-    assert common == pytest.approx(reference)
-    considered = replace(solution.consider, sensitivity=10.0 * solution.consider.sensitivity)
-    assert horizontal_sigmas(replace(part, consider=considered), solution) < 0.8 * common

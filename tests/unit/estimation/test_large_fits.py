@@ -68,18 +68,6 @@ def test_a_sample_starts_what_the_whole_ends(monkeypatch):
     )
 
 
-def test_a_strong_minority_is_in_the_sample():
-    """Three hundred ranges of 3 mm among a hundred thousand of 1 m say nearly all."""
-    series = Series(100000)
-    sigma_m = np.where(np.arange(series.n) % 333 == 0, 0.003, 1.0)
-    usable = np.ones(series.n, dtype=bool)
-    at = series.linearize(np.zeros(series.p))
-    rows = robust.sample(at, sigma_m, usable, series.parameters)
-    assert len(rows) < 21000
-    assert (sigma_m[rows] < 0.01).sum() > 250
-    np.testing.assert_array_equal(rows, robust.sample(at, sigma_m, usable, series.parameters))
-
-
 def test_blocks_are_factorized_where_their_covariance_changes(monkeypatch):
     stated = DelayNetwork.make(epochs=50).noise
     white_m, shared = stated.white_m.copy(), stated.terms[1]

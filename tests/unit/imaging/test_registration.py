@@ -154,14 +154,6 @@ def test_images_in_reversed_order_are_refused(base):
 
 
 @pytest.mark.slow
-def test_search_area_restricts_the_map(base):
-    result = register_chain(SHORT.list[:2], base, map_sigma_m=MAP_M, search_area=(-19.51, 44.12, 1500.0))
-    np.testing.assert_allclose(SHORT.error_m(result.ground_point("0001.png"), 1), 0.0, rtol=0, atol=PLACE_M)
-    with pytest.raises(InputError, match=r"longitude 10\.0000"):
-        register_chain(SHORT.list[:2], base, map_sigma_m=MAP_M, search_area=(10.0, 44.12, 1500.0))
-
-
-@pytest.mark.slow
 def test_distortion_of_the_camera_is_removed(base):
     """Distort frames toward the middle by up to 9 pixels."""
     lens = Camera(1000.0, np.eye(2), [249.5, 199.5], Distortion("radial", [0.0, -3e-7, 0.0]))

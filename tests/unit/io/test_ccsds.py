@@ -12,7 +12,6 @@ from recorded import recorded
 from scipy.interpolate import KroghInterpolator
 from spk_files import ORBITER
 
-import radioloc
 from radioloc.cli import main
 from radioloc.dynamics import Acceleration, Impulse
 from radioloc.ephemeris import Ephemeris, Trajectory
@@ -210,17 +209,3 @@ def test_opm(orbit, tmp_path):
 def test_invalid_orbit_messages_are_refused(orbit, tmp_path):
     with pytest.raises(InputError, match="shape"):
         write_orbit_oem(tmp_path / "orbit.oem", orbit, originator="TEST", covariance=np.eye(3))
-
-
-STUDY = "examples/change5/short_arc.toml"
-
-
-@pytest.fixture(scope="module")
-def fitted():
-    predictor = radioloc.jobs.prepare_arc(radioloc.read_study(STUDY))
-    return radioloc.compute_residuals(radioloc.read_study(STUDY)), predictor.observations
-
-
-def by_path(segment):
-    """The path as the library writes it, from the participants."""
-    return ">".join(segment.participant(leg) for leg in segment.legs())

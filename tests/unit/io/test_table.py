@@ -163,27 +163,6 @@ def rows(count):
     ]
 
 
-@pytest.mark.study
-def test_blocks_and_quotes_make_no_difference(tmp_path, monkeypatch):
-    """Blocks of any size, plain or quoted, have the same rows."""
-    plain = [HEADER, *rows(200)]
-    complete = parse_table("a.csv", plain, None)
-    quoted = [f'"{line}"'.replace(",", '","') if k % 50 == 7 else line for k, line in enumerate(plain)]
-    commented = [
-        extra for k, line in enumerate(plain) for extra in ([line, "# note", ""] if k % 9 == 0 else [line])
-    ]
-    file = tmp_path / "a.csv"
-    for lines in (plain, quoted, commented):
-        file.write_text("\r\n".join(lines), newline="")
-        for size in (64, 700, 10**6):
-            monkeypatch.setattr(table, "read_blocks", lambda path, size=size: read_blocks(path, size))
-            read = read_table(file)
-            assert_same(complete, read)
-            assert [lines[number - 1].replace('"', "")[-20:] for number in read.line] == [
-                line[-20:] for line in plain[1:]
-            ]
-
-
 @pytest.mark.parametrize("number", [0, 57, 199])
 def test_error_far_down_names_its_line(tmp_path, monkeypatch, number):
     monkeypatch.setattr(table, "read_blocks", lambda path: read_blocks(path, 1000))

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tdm_messages import DELAY, RANGES, TWO_WAY, kvn
+from tdm_messages import TWO_WAY, kvn
 
 from radioloc.constants import C_M_S
 from radioloc.errors import InputError
 from radioloc.io.tdm import TdmAgreement, read_tdm, read_tdm_file
 from radioloc.io.tdm.kvn import parse_kvn
 from radioloc.io.tdm.message import DATA, METADATA, TYPES, unit_exponent
-from radioloc.io.tdm.write import write_tdm, write_tdm_file
+from radioloc.io.tdm.write import write_tdm
 from radioloc.measurements.link import Link
 from radioloc.measurements.observations import DOPPLER, RANGE, VLBI_DELAY, VLBI_DELAY_RATE, Observations
 from radioloc.measurements.registry import kind_of
@@ -138,34 +138,6 @@ def test_leap_second_and_decimals(tmp_path):
     read = written_and_read(observations, tmp_path / "a.kvn")
     assert "T23:59:60.12345678901" in (tmp_path / "a.kvn").read_text()
     assert read.epoch.fraction[0] == expected.epoch.fraction[0]
-
-
-def test_records_of_messages_are_restored(tmp_path):
-    clock = (
-        {"TIME_SYSTEM": "UTC", "PARTICIPANT_1": "A_1", "PARTICIPANT_2": "UTC"},
-        ["CLOCK_BIAS = 2021-03-28T14:00:00 4.59e-7"],
-    )
-    delay = (
-        DELAY | {"PARTICIPANT_1": "a <b> & c"},
-        ["VLBI_DELAY = 2021-03-28T14:00:00 -1.911896106591159E-03"],
-    )
-    lines = kvn(
-        (TWO_WAY | {"TRACK_ID": "x 1"}, [*RANGES, "RHUMIDITY = 2021-03-28T14:00:00 12.3"]), clock, delay
-    )
-    lines[1:1] = ["COMMENT one & two < three"]
-    message = parse_kvn("a", lines)
-    path = tmp_path / "a.kvn"
-    write_tdm_file(path, message)
-    read = read_tdm_file(path)
-    assert read.header == message.header
-    for segment, result in zip(message.segments, read.segments, strict=True):
-        assert segment.metadata == result.metadata
-        for name in ("keyword", "value"):
-            assert np.array_equal(getattr(segment, name), getattr(result, name))
-        assert np.array_equal(segment.epoch.fraction, result.epoch.fraction)
-    text = path.read_text()
-    for number in ("768800.1234567", "12.3", "-0.001911896106591159", "4.59E-07"):
-        assert number in text
 
 
 def test_metadata_in_the_order_of_the_standard(tmp_path):

@@ -38,21 +38,6 @@ def test_same_as_kvn(newline, prefix):
 
 
 @pytest.mark.parametrize(
-    ("old", "new"),
-    [
-        ("<data>", "<data><COMMENT>a &lt; b</COMMENT>"),
-        ("<data>", "<data><COMMENT>c\nd</COMMENT><COMMENT/>"),
-        ("768801.5</RANGE>", "\n 768801.5 </RANGE>"),
-        ("<MODE>SEQUENTIAL", "<MODE>\n&#83;EQUENTIAL"),
-    ],
-)
-def test_other_ways_of_writing_the_same(old, new):
-    text = xml(*SEGMENTS)
-    assert old in text
-    assert_same(parse_xml("a.xml", text.replace(old, new, 1)), parse_kvn("a.kvn", kvn(*SEGMENTS)))
-
-
-@pytest.mark.parametrize(
     ("old", "new", "problem"),
     [
         ("</tdm>", "", "complete XML"),

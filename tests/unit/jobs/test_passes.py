@@ -1,7 +1,5 @@
 """Passes of a study's target: against elevations, with the limits that the study says."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from paths import EXAMPLES
@@ -44,19 +42,6 @@ def test_a_target_rises_and_sets_at_the_masks_of_the_schedule(plan):
         above_deg = elevation_deg(plan, station, [utc])[0] - result.masks_deg[station]
         assert above_deg + 0.1 * SECOND_DEG >= 0.0
         assert above_deg < 1.1 * SECOND_DEG
-
-
-@pytest.mark.study
-def test_each_of_several_targets_has_its_passes():
-    study = radioloc.read_study(EXAMPLES / "reflectors" / "de440.toml")
-    span = {"start_utc": "2024-04-14", "stop_utc": "2024-04-14T20:00:00"}
-    result = visibility(study, ["GRASSE", "NEUQUEN"], **span)
-    assert result.targets == tuple(study.targets)
-    for name, place in study.targets.items():
-        expected = [replace(item, target="") for item in result.passes if item.target == name]
-        separate = visibility(replace(study, target=place, targets={}), ["GRASSE", "NEUQUEN"], **span)
-        assert tuple(expected) == separate.passes
-        assert len(expected) == 3
 
 
 def test_the_highest_elevation_of_a_pass_is_that(plan):

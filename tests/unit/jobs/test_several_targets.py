@@ -91,18 +91,6 @@ def test_arcs_of_targets_of_every_kind_have_positions_states_and_files(arcs, tmp
 
 
 @pytest.mark.study
-def test_files_of_several_orbits_are_in_a_folder(joint, tmp_path):
-    radioloc.write_report(tmp_path, joint)
-    names = sorted(path.name for path in (tmp_path / "orbits").iterdir())
-    assert names == [
-        f"{name}.{form}" for name in ("craft", "descent", "other") for form in ("bsp", "oem", "opm")
-    ]
-    content = joint.to_dict()
-    assert [*content["states"]] == ["craft", "other", "descent"]
-    assert content["states"]["craft"] == content["state"]
-
-
-@pytest.mark.study
 def test_states_from_ranges_and_from_doppler_agree(scene, tmp_path):
     study = scene.study("craft")
     solutions = [

@@ -3,15 +3,12 @@
 import json
 
 import pytest
-from paths import EXAMPLES
 
 from radioloc.cli import main
 from radioloc.ephemeris import Ephemeris
 from radioloc.errors import KernelError
 from radioloc.kernels import find_kernel, registered
 from radioloc.kernels.files import add_kernel, added, open_kernel
-
-ORBITER = EXAMPLES / "orbiter" / "orbiter.bsp"
 
 
 @pytest.fixture

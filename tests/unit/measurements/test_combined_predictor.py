@@ -85,16 +85,6 @@ def test_values_and_partials_are_those_of_the_parts(arc, by_hand):
         np.testing.assert_allclose(by_target, expected, rtol=0, atol=1e-9)
 
 
-def test_each_target_is_at_its_own_position(model):
-    table = tracking("range", "KASHI>b>JIAMUSI", None)
-    a_m, b_m = (
-        prepare_predictor(model, table, position, "exact").predict().value_m for position in POSITIONS
-    )
-    both_m = predictor(table, model).predict().value_m
-    np.testing.assert_allclose(both_m, b_m, rtol=0, atol=SAME_M)
-    assert np.abs(a_m - b_m).min() > 1000.0
-
-
 def test_combination_has_the_lowest_elevation_and_the_problems_of_its_parts(arc, by_hand):
     combined = arc.compute()
     for case_index, parts in enumerate(by_hand):

@@ -3,11 +3,7 @@
 import pytest
 
 from radioloc.errors import InputError
-from radioloc.measurements import Geometry, MeasurementType, Part
-
-
-def parts(link):
-    return (Part(0.5, "range", link),)
+from radioloc.measurements import Geometry, MeasurementType
 
 
 @pytest.mark.parametrize(

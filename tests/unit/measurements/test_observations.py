@@ -1,7 +1,5 @@
 """Table of observations: validation, selection, concatenation and duplicates."""
 
-import dataclasses
-
 import numpy as np
 import pytest
 
@@ -190,18 +188,6 @@ def test_summary_counts_by_path_and_type():
         ["APOLLO>apollo15>APOLLO", "range", "3"],
         ["GRASSE>apollo11>GRASSE", "range", "2"],
     ]
-
-
-def test_to_table_has_all_columns():
-    observations = make()
-    table = observations.to_table()
-    # Epoch, tag, type and path have other names.
-    renamed = {"epoch", "tag", "kind", "link", "links", "files", "ramps"}
-    assert {f.name for f in dataclasses.fields(observations)} - renamed <= set(table.colnames)
-    assert observations.to_table("pandas").columns.tolist() == table.colnames
-    with pytest.raises(InputError, match="polars"):
-        observations.to_table("polars")
-    assert list(table["line"]) == [10, 11, 12, 13]
 
 
 def test_link_path_round_trip():

@@ -1,22 +1,17 @@
 """Readings that are multiples of a step: the step is found, and sigmas are not below its rounding error."""
 
 import warnings
-from dataclasses import replace
 
-import change5_case
 import numpy as np
 import pytest
 
-import radioloc
 from radioloc import Observations, read_observations
 from radioloc.constants import C_M_S
 from radioloc.errors import DataQualityWarning
 from radioloc.io import FrequencyAgreement
 from radioloc.measurements import Link
-from radioloc.measurements.observations import RANGE
 from radioloc.measurements.quantised import common_step, with_rounding_in_sigmas
 from radioloc.measurements.registry import KINDS
-from radioloc.study import EstimateChoice, HeightPrior, ModelChoice
 from radioloc.time import epochs_from_strings
 
 RNG = np.random.default_rng(5)
@@ -80,18 +75,3 @@ def test_sigmas_of_frequencies_in_steps_are_at_least_those_of_rounding(tmp_path,
         read = read_observations(tmp_path / "night.dat", frequencies=[agreement])
     assert [warning.category for warning in caught] == [DataQualityWarning] * (sigma_hz < 28.0)
     assert read.sigma_m == pytest.approx(C_M_S * 10.0 / 8.45e9 * expected_hz, rel=1e-3)
-
-
-@pytest.mark.study
-def test_a_fit_of_ranges_in_steps_converges(model):
-    exact = change5_case.observations(model, 600.0)
-    value_m = np.where(exact.kind == RANGE, 100.0 * np.rint(exact.value_m / 100.0), exact.value_m)
-    study = radioloc.Study(
-        change5_case.NEAR,
-        estimate=EstimateChoice(
-            range_bias="all", range_bias_sigma_m=10.0, height_prior=HeightPrior(-2550.4, 5.0)
-        ),
-        model=ModelChoice(off=["ionosphere"]),
-    )
-    with pytest.warns(DataQualityWarning, match="readings are multiples of 100 m"):
-        assert radioloc.locate(study, replace(exact, value_m=value_m)).converged

@@ -4,7 +4,6 @@ import dataclasses
 
 import numpy as np
 import pytest
-from scipy.integrate import quad
 
 from radioloc.constants import C_M_S
 from radioloc.errors import FileFormatError, InputError
@@ -65,42 +64,6 @@ def frequency_hz(seconds):
         if seconds >= begin:
             return f_hz + rate * (seconds - begin)
     raise AssertionError
-
-
-def cycles(first_s, last_s):
-    """Return the integral of transmitted less reference frequency, by quadrature."""
-    corners = [corner for corner in (95.5, 200.25) if first_s < corner < last_s]
-    return quad(lambda t: frequency_hz(t) - F0_HZ, first_s, last_s, points=corners or None, epsabs=1e-9)[0]
-
-
-@pytest.mark.parametrize("link", [TWO_WAY, THREE_WAY])
-def test_doppler_is_the_count_of_cycles_between_the_transmissions(model, link):
-    seconds = np.array([0.0, 60.0, 120.0, 200.0, 300.0])
-    plain = observations([link], ramped=False)
-    growth_m = prepare_predictor(model, plain, LANDER).compute().value_m
-    computed = prepare_predictor(model, observations([link]), LANDER).compute()
-    ends = Observations.concatenate(
-        [observations([link], RANGE, seconds + half_s, ramped=False) for half_s in (-30.0, 30.0)]
-    )
-    light_s = prepare_predictor(model, ends, LANDER).compute().value_m.reshape(2, -1) / C_M_S
-    for k, (first_s, last_s) in enumerate(
-        zip(*(seconds + np.array([[-30.0], [30.0]]) - light_s), strict=True)
-    ):
-        # The ionosphere's sign is the only difference of a range's light time from the phase's: it is off.
-        expected_m = growth_m[k] - C_M_S / F0_HZ * cycles(first_s, last_s)
-        # 1e-9 cycles of quadrature, and the light time from a range to a nanosecond times 5e4 Hz.
-        assert computed.value_m[k] == pytest.approx(expected_m, abs=5e-6)
-    assert computed.usable.all()
-
-
-def test_range_is_the_count_of_cycles_between_transmission_and_reception(model):
-    plain = prepare_predictor(model, observations([TWO_WAY], RANGE, ramped=False), LANDER)
-    length_m = plain.compute().value_m
-    computed = prepare_predictor(model, observations([TWO_WAY], RANGE), LANDER).compute()
-    for k, received_s in enumerate((0.0, 60.0, 120.0, 200.0, 300.0)):
-        sent_s = received_s - length_m[k] / C_M_S
-        expected_m = length_m[k] + C_M_S / F0_HZ * cycles(sent_s, received_s)
-        assert computed.value_m[k] == pytest.approx(expected_m, abs=1e-6)
 
 
 @pytest.mark.parametrize("kind", [DOPPLER, RANGE])

@@ -9,7 +9,7 @@ from reader_cases import ICRF, SOURCES
 
 from radioloc.constants import ARCSEC_RAD
 from radioloc.errors import FileFormatError, InputError
-from radioloc.measurements import FixedPoint, Observations, PhysicalModel, prepare_predictor, read_sources
+from radioloc.measurements import FixedPoint, PhysicalModel, prepare_predictor, read_sources
 from radioloc.measurements.sources import with_galactic_aberration
 from radioloc.time import Epochs
 
@@ -97,19 +97,3 @@ def test_ranges_to_sources_are_refused():
 def test_partials_by_position_are_zero():
     computed = arc_of("SESHAN25<1741-038>KASHI").compute()
     assert not computed.by_position_pa.any()
-
-
-def test_dense_delays_of_a_source_and_a_lander_are_interpolated():
-    model = PhysicalModel.build(sources={"1741-038": _direction("1741-038")}, off=["troposphere"])
-    tai = Epochs.from_jd(2459185.5, (2.5 + np.arange(3000) / 1200.0) / 24.0, "TAI")
-    paths = (f"SESHAN25<{target}>KUNMING" for target in ("1741-038", "lander"))
-    table = Observations.concatenate([observations(path, tai, "receive", "vlbi_delay") for path in paths])
-    exact, smooth = (
-        prepare_predictor(model, table, FixedPoint(SITE_M), evaluation)
-        for evaluation in ("exact", "interpolated")
-    )
-    assert smooth.accuracy.interpolated > 5000
-    # The stated error of interpolation, 0.3 ps.
-    assert np.abs(smooth.predict().value_m - exact.predict().value_m).max() < 9e-5
-    part = smooth.select(np.arange(2000, 4000))
-    assert np.array_equal(part.predict().value_m, smooth.predict().value_m[2000:4000])

@@ -1,6 +1,5 @@
 """Files of VMF3 and GPT3: values published by TU Wien, heights, and files that cannot be used."""
 
-import gzip
 from pathlib import Path
 
 import numpy as np
@@ -50,21 +49,6 @@ def test_zenith_delay_of_the_file_is_that_of_its_pressure(sites: Path) -> None:
     computed = zenith_hydrostatic_delay_m(np.array([951.19, 953.07, 955.28]), GRAZ[0], GRAZ[2])
     # The server integrates the column with other constants of refractivity: 2.4 to 3.0 mm more here.
     np.testing.assert_allclose(graz.values[:, 2] - computed, 0.0027, atol=4e-4)
-
-
-def test_days_join_in_any_order_and_gzip(sites: Path, tmp_path: Path) -> None:
-    later = tmp_path / "2024002.vmf3_r"
-    later.write_bytes(gzip.compress(VMF3_SITES.replace("60310", "60311").encode()))
-    series = read_vmf3_sites([later, sites])["GRAZ"]
-    np.testing.assert_array_equal(series.mjd_utc, [60310.0, 60310.25, 60310.5, 60311.0, 60311.25, 60311.5])
-    assert (
-        len(
-            series.values_at(epochs_from_strings(["2024-01-01T12:00:00", "2024-01-02T00:00:00"], "UTC")).wet_a
-        )
-        == 2
-    )
-    with pytest.raises(CoverageError, match=r"12.0.*UTC.*2024-01-02 00.0"):
-        series.values_at(epochs_from_strings(["2024-01-01T12:00:01"], "UTC"))
 
 
 @pytest.mark.parametrize(

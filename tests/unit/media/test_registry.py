@@ -2,11 +2,9 @@
 
 import numpy as np
 import pytest
-from arc_cases import APOLLO15, LASER, epochs_tai, observations
 from legs import leg
 
-from radioloc.errors import InputError
-from radioloc.measurements import TERMS, ChebyshevPredictor, ExactPredictor, PhysicalModel
+from radioloc.measurements import TERMS
 from radioloc.media import MEDIA, LegDelay, Medium, Status
 from radioloc.media.ionosphere import Ionosphere, UniformTec
 
@@ -53,33 +51,3 @@ class Shield:
 @pytest.fixture
 def shield(monkeypatch):
     monkeypatch.setitem(MEDIA._entries, "shield", Shield())
-
-
-def test_registered_medium_is_a_term(shield):
-    model = PhysicalModel.build()
-    table = observations("GRASSE>x>GRASSE", epochs_tai(3, 1.0, 2460311.5, 0.1), **LASER)
-    arc = ExactPredictor(model, table, APOLLO15)
-    computed = arc.compute()
-    terms = arc.terms()
-    assert list(terms)[-1] == "shield"
-    np.testing.assert_allclose(
-        terms["shield"], 0.002 * (1.0 / np.sin(computed.elevation_rad)).sum(axis=-1), atol=1e-6
-    )
-    assert [medium.name for medium in model.without("shield").media] == [
-        "troposphere",
-        "ionosphere",
-        "antenna_axis_offset",
-    ]
-    with pytest.raises(InputError, match="'shield'"):
-        model.without("shields")
-
-
-def test_conditions_used_by_a_registered_medium_separate_series(shield):
-    tai = epochs_tai(600, 1.0, 2460311.5, 0.1)
-    weather = LASER | {"pressure_hpa": np.where(np.arange(600) % 2, 780.0, np.nan)}
-    table = observations("GRASSE>x>GRASSE", tai, **weather)
-    model = PhysicalModel.build(off=["troposphere"])
-    dense, exact = (kind(model, table, APOLLO15) for kind in (ChebyshevPredictor, ExactPredictor))
-    assert dense.accuracy.interpolated > 0
-    difference_m = dense.compute().value_m - exact.compute().value_m
-    assert np.abs(difference_m).max() < 0.9e-4

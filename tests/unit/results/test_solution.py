@@ -6,7 +6,6 @@ import pytest
 from lunar_partials import cartesian_partials
 from toy_moon import LANDER_M, ToyMoon, toy_solution
 
-from radioloc.errors import InputError
 from radioloc.estimation import Parameter, ParameterSet
 from radioloc.estimation.editing import fit_with_editing
 from radioloc.estimation.gauss_markov import TimeCorrelation
@@ -189,15 +188,6 @@ def test_paths_of_a_station_are_told_apart():
         rows = (solution.residuals.path == path.split()[1]) & solution.residuals.used
         assert by_path[path]["mean_m"] == pytest.approx(solution.residuals.residual_m[rows].mean())
         assert by_path[path]["mean_m"] == pytest.approx(mean_m, abs=1.0)
-
-
-def test_the_position_as_a_point_on_the_moon(solution):
-    assert solution.position.frame == solution.me_frame
-    assert solution.position.selenographic == pytest.approx(solution.selenographic, abs=1e-9)
-    assert solution.position.xyz_m == pytest.approx(solution.position_me_m)
-    moving = replace(solution, trajectory="an orbiter")
-    with pytest.raises(InputError, match="fixed to the Moon"):
-        _ = moving.position
 
 
 def test_the_factor_of_time_correlation_is_of_the_sigma_without():

@@ -14,7 +14,7 @@ from radioloc.constants import C_M_S
 from radioloc.errors import InputError
 from radioloc.io.formats import write_observations
 from radioloc.jobs.preparation import prepared_arc
-from radioloc.measurements import Link, PhysicalModel
+from radioloc.measurements import PhysicalModel
 from radioloc.search import search
 from radioloc.search.transmitters import _jumps, _passes
 from radioloc.simulation import Noise, NoiseModel, Scenario, Schedule, Session, Truth
@@ -194,18 +194,6 @@ def test_completed_file_states_the_uplink_of_each_pass(received, tmp_path):
 def test_invalid_candidates_are_refused(received, chosen, message):
     with pytest.raises(InputError, match=message):
         search(study(**chosen), received)
-
-
-def test_search_for_transmitters_needs_doppler():
-    ranges = Observations.from_columns(
-        epoch=radioloc.time.epochs_from_strings(["2020-12-01T15:00:00"], "UTC"),
-        links=[Link("KASHI", "lander", "KASHI")],
-        value_m=8e8,
-        sigma_m=1.0,
-        tag=1,
-    )
-    with pytest.raises(InputError, match="expected Doppler"):
-        search(study(), ranges)
 
 
 @pytest.mark.parametrize("job", [radioloc.locate, radioloc.compute_residuals])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -172,12 +173,16 @@ def orbit_parameters(
         sigma = sigmas.get(name, math.inf)
         parameters.append(Parameter(f"force.{name}", unit, "force", value, sigma, role=role, scale=scale))
 
-    def changes(x: Floats) -> tuple[Floats, Floats]:
-        by = np.eye(len(apriori))
-        of_state, by[:6, :6] = function(x[:6])
-        return np.concatenate([of_state, x[6:]]) - apriori, by
+    return parameters, partial(
+        _orbit_changes, function, apriori
+    )  # functions of a module can be sent to workers
 
-    return parameters, changes
+
+def _orbit_changes(function: PositionFunction, apriori: Floats, x: Floats) -> tuple[Floats, Floats]:
+    """Return changes of the orbit's parameters, and their partials."""
+    by_x = np.eye(len(apriori))
+    state, by_x[:6, :6] = function(x[:6])
+    return np.concatenate([state, x[6:]]) - apriori, by_x
 
 
 def _state(
@@ -186,11 +191,15 @@ def _state(
     """Names of the state's parameters with units and scales, their values, and the state with its partials."""
     of_lengths = [("m", 1.0)] * 3 + [("m/s", 1e-3)] * 3
     if form == "cartesian":
-        return dict(zip(STATE, of_lengths, strict=True)), orbit.state, lambda x: (x, np.eye(6))
+        return (
+            dict(zip(STATE, of_lengths, strict=True)),
+            orbit.state,
+            partial(_linear_state, np.zeros(6), np.eye(6)),
+        )
     if form == "rtn":
         axes = np.zeros((6, 6))
         axes[:3, :3] = axes[3:, 3:] = rtn_axes(orbit.state[:3], orbit.state[3:]).T
-        return dict(zip(RTN, of_lengths, strict=True)), np.zeros(6), lambda x: (orbit.state + axes @ x, axes)
+        return dict(zip(RTN, of_lengths, strict=True)), np.zeros(6), partial(_linear_state, orbit.state, axes)
     gm, equator = orbit.gm_m3_s2, orbit.equator
 
     def unit_and_scale(name: str) -> tuple[str, float]:
@@ -204,4 +213,9 @@ def _state(
 
     names = {name: unit_and_scale(name) for name in FORMS[form]}
     values = elements_from_state(orbit.state, gm, equator, form)
-    return names, values, lambda x: state_with_partials(x, gm, equator, form)
+    return names, values, partial(state_with_partials, gm_m3_s2=gm, axes=equator, form=form)
+
+
+def _linear_state(origin: Floats, axes: Floats, x: Floats) -> tuple[Floats, Floats]:
+    """Return a state by its components along axes, with partials."""
+    return origin + axes @ x, axes

@@ -1,6 +1,7 @@
 """Orbits from Doppler: a made one is found again, a real one fits as its data are."""
 
 import json
+import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -18,6 +19,7 @@ from radioloc.estimation import FitStatus
 from radioloc.measurements import ExactPredictor
 from radioloc.study.orbit_choice import OrbitChoice
 from radioloc.study.orbiter import Orbiter
+from radioloc.targets.orbit import orbit_parameters
 from radioloc.time import Epochs
 from radioloc.vectors import rtn_axes
 
@@ -55,6 +57,13 @@ def test_an_orbit_is_found_again_from_hundreds_of_metres_away(solution):
     assert error @ np.linalg.solve(state.covariance, error) < 22.5
     assert np.linalg.norm(error[:3]) < 100.0 < np.linalg.norm([300.0, -200.0, 100.0])
     assert solution.fit.total.wrms_m < 1.3 * SIGMA_M
+
+
+@pytest.mark.parametrize("form", ["cartesian", "rtn", *FORMS])
+def test_workers_receive_an_orbit_with_its_parameters(solution, form):
+    parameters, changes = orbit_parameters(solution.state.orbit, {}, estimated=True, form=form)
+    values = np.array([parameter.prior_value for parameter in parameters])
+    np.testing.assert_array_equal(pickle.loads(pickle.dumps(changes))(values)[1], changes(values)[1])
 
 
 def slower(part):

@@ -1,3 +1,4 @@
+import pickle
 import re
 from dataclasses import replace
 
@@ -10,6 +11,7 @@ from radioloc.estimation import Parameter
 from radioloc.parameters import ObservationRows, Scope
 from radioloc.parameters.biases import RANGE_BIAS
 from radioloc.parameters.columns import Columns, members
+from radioloc.parameters.registry import PARAMETERS
 
 
 @pytest.mark.parametrize(
@@ -23,6 +25,10 @@ from radioloc.parameters.columns import Columns, members
 def test_unusable_parameters_are_refused(changes, words):
     with pytest.raises(InputError, match=words):
         Parameter(**({"name": "p", "unit": "m", "kind": "x"} | changes))
+
+
+def test_workers_look_kinds_up_by_name():
+    assert all(pickle.loads(pickle.dumps(kind)) is kind for kind in PARAMETERS.values())
 
 
 def arc_of(*dates):

@@ -98,9 +98,6 @@ class ParameterKind:
                 "letters, digits and /, scopes, components and a scale above zero"
             )
 
-    def __reduce__(self) -> tuple[Callable[[str], ParameterKind], tuple[str]]:
-        return _registered, (self.name,)
-
     @property
     def keys(self) -> dict[str, str]:
         """Keys in a study file, such as ``range_bias``, ``range_bias_m``, ``range_bias_sigma_m``, ``range_bias_per``.
@@ -128,13 +125,6 @@ class ParameterKind:
     def sigma_key(self) -> str:
         """Key of its sigma."""
         return self.keys["sigma"]
-
-
-def _registered(name: str) -> ParameterKind:
-    """Return a kind of the registry; a process that receives a job looks kinds up by name."""
-    from radioloc.parameters.registry import PARAMETERS
-
-    return PARAMETERS[name]
 
 
 def all_observations(rows: ObservationRows) -> NDArray[np.bool_]:

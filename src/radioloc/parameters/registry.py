@@ -6,6 +6,7 @@ A package adds its own by an entry point of the group ``radioloc.parameters`` th
 
 from __future__ import annotations
 
+import copyreg
 from collections.abc import Mapping
 
 from radioloc.parameters import biases, clocks, earth, moon
@@ -43,6 +44,14 @@ PARAMETERS: Mapping[str, ParameterKind] = Registry(
     ],
 )
 """Kinds of parameter by name, in the order of the columns of the design matrix."""
+
+
+def _registered(name: str) -> ParameterKind:
+    """Return a kind by name."""
+    return PARAMETERS[name]
+
+
+copyreg.pickle(ParameterKind, lambda kind: (_registered, (kind.name,)))  # workers look kinds up by name
 
 
 def parameter_label(name: str) -> str:

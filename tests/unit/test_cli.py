@@ -528,20 +528,6 @@ def test_convert_says_in_one_line_what_is_wrong(tmp_path, capsys, arguments, wor
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize(
-    ("arguments", "suggestion"),
-    [
-        (["locat", "a.toml"], "did you mean locate?"),
-        (["locate", "a.toml", "--repotr"], "did you mean --report?"),
-    ],
-)
-def test_misspelled_command_or_option_gets_a_suggestion(arguments, suggestion, capsys):
-    with pytest.raises(SystemExit) as ended:
-        cli.main(arguments)
-    assert ended.value.code == BAD_INPUT
-    assert suggestion in capsys.readouterr().err
-
-
 @pytest.mark.parametrize("kind", ["lander", "reflector", pytest.param("orbiter", marks=pytest.mark.slow)])
 def test_starter_study_runs_at_once(kind, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)

@@ -128,18 +128,6 @@ def test_unknown_station_says_what_is_close() -> None:
         catalogue.get("9999999_xyz_????")
 
 
-@pytest.mark.parametrize(
-    ("name", "similar"),
-    [("KASHY", {"KASHI"}), ("HART", {"HARTRAO", "HART15M"}), ("dss 24 a", {"DSS-24"}), ("TIANMA", {"TIANMA65"}),
-     ("APACHE", set()), ("DSS-99", set()), ("DSS-44", set()), ("7840", set()), ("MCDONALD", set())],
-)  # fmt: skip
-def test_stations_of_another_number_or_place_are_not_called_similar(name: str, similar: set[str]) -> None:
-    with pytest.raises(StationError) as caught:
-        StationCatalogue.default().get(name)
-    match = re.search(r"similar: (.*?)\.", str(caught.value))
-    assert (set() if match is None else set(match[1].split(", "))) == similar
-
-
 def test_position_moves_linearly() -> None:
     apollo = StationCatalogue.default()["APOLLO"]
     tt = Epochs.from_jd(2451545.0 + np.array([0.0, 3652.5, -365.25]), 0.0, "TT")

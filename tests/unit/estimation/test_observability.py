@@ -76,11 +76,6 @@ def test_what_biases_have_in_common_and_what_it_does_to_the_position(prior_sigma
     assert part.position_m == pytest.approx(np.linalg.norm(moved.x[:3] - fit.x[:3]), rel=0.02)
 
 
-@pytest.mark.parametrize(("hours", "prior_sigma_m"), [(12.0, 0.01), (1500.0, 1000.0)])
-def test_a_common_part_that_is_known_or_does_not_matter_is_not_named(hours, prior_sigma_m):
-    assert assess_observability(three_biases(hours, prior_sigma_m)).common == ()
-
-
 @pytest.mark.parametrize("count", [1, 2])
 def test_a_common_part_is_that_of_two_or_more(count):
     """The data tell the biases to 1 m, as was known before; the position moves with them."""

@@ -150,19 +150,6 @@ def test_stations_whose_errors_last_are_found_in_their_delays(stated_m, station_
         assert item.correlation_time_s == pytest.approx(TAU_S, rel=0.5)
 
 
-def test_rounding_does_not_choose_the_combinations():
-    """Three combinations have the same sigma: sigmas that differ by rounding must not turn them among each other."""
-    entry, *remaining = (
-        delays_with_lasting_errors(0.4, 0.4, epochs=400, scale=1.0 + 1e-12 * np.tile(some, 400))
-        for some in ([0, 0, 0, 0, 0, 0], [0, 1, 3, 2, 5, 4], [7, 5, 0, 1, 2, 6])
-    )
-    for scaled in remaining:
-        assert scaled.noise.keys() == entry.noise.keys()
-        assert scaled.added_covariance == pytest.approx(entry.added_covariance, rel=1e-6)
-        for key, noise in entry.noise.items():
-            assert scaled.noise[key].coloured == pytest.approx(noise.coloured, rel=1e-6)
-
-
 def test_what_is_known_already_is_not_sought_again():
     """Residuals of correlated weights have been whitened by it."""
     fit, *data = line()

@@ -50,13 +50,6 @@ def test_error_and_sigmas_along_east_north_and_up(tmp_path):
     assert row.sigmas == pytest.approx(np.sqrt((9.0 + 0.0 + 4.0) / 3.0), abs=1e-3)
 
 
-def test_component_without_truth_is_not_scored(tmp_path):
-    folder = case(tmp_path / "c", TRUTH + "sigma_m = [1.0, 1.0]\n")
-    row = only(folder, entry(tmp_path / "e.json", lander=place(3.0, 4.0, 50.0) | {"sigma_m": 3.0}))
-    assert row.error_m == pytest.approx(5.0, abs=1e-3)
-    assert row.sigmas == pytest.approx(np.sqrt(25.0 / 10.0 / 2.0), abs=1e-3)
-
-
 @pytest.mark.parametrize(("sigma_m", "holds"), [(1.0, False), (4.0, True)])
 def test_claim_holds_unless_the_error_is_improbable(tmp_path, sigma_m, holds):
     row = only(case(tmp_path / "c"), entry(tmp_path / "e.json", lander=place(10.0) | {"sigma_m": sigma_m}))

@@ -64,14 +64,6 @@ def test_before_the_descent_the_place_is_as_uncertain_as_the_thrust(scene, solut
     assert (earlier.sigma_enu_m() > 30.0 * solution.sigma_enu_m()).all()
 
 
-def test_results_have_both(solution):
-    content = solution.to_dict()
-    assert content["trajectory"] is None
-    assert content["position"]["me"]["latitude_deg"] == pytest.approx(SITE[1], abs=1e-2)
-    assert content["sigma"]["up_m"] > 0.0
-    assert content["state"]["epoch_tdb"].startswith("2020-12-01T14:46:09")
-
-
 @pytest.mark.study
 def test_the_height_of_the_place_may_be_known(tmp_path, scene):
     prior = "[estimate.height_prior]\nheight_m = -2550.4\nsigma_m = 0.5"

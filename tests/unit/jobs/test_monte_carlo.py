@@ -151,18 +151,6 @@ def test_a_full_trial_is_what_locate_gives(study, ready):
     assert trial_values["nees"] == pytest.approx(separate_solution.reference.combined_sigmas**2, rel=1e-3)
 
 
-@pytest.mark.parametrize(
-    "changes", [{"vlbi_station_sigma_m": 0.2}, {"stations": RANGING}, {"extra_sigma_m": 0.5}]
-)
-def test_noise_and_selection_are_those_of_the_study(changes):
-    item = study_of(observations=ObservationChoice(**changes))
-    ready = Prepared.from_study(item, (12.0,))
-    linear, full = ready.linear().run(1, range(2)), ready.run(1, range(2))
-    common = columns_of(ready, linear - full, "east_m", "north_m", "up_m", "sigma_east_m")
-    assert np.abs(common).max() < 0.05
-    assert (columns_of(ready, linear, "used") == columns_of(ready, full, "used")).all()
-
-
 def test_a_trial_does_not_depend_on_the_others(ready):
     linear = ready.linear()
     block = linear.run(9, range(7))

@@ -112,12 +112,3 @@ def test_states_from_ranges_and_from_doppler_agree(scene, tmp_path):
     shifted["state"]["position_m"][0] += 1e3
     displaced = state_pair(("a", "b"), (shifted["state"], solutions[1].to_dict()["state"]), share_data=False)
     assert displaced.chance < 1e-3
-
-
-def test_states_of_common_observations_are_not_tested(scene):
-    study = scene.study("craft")
-    compared = radioloc.compare(
-        [radioloc.locate(replace(study, name=name), scene.observations) for name in ("a", "b")]
-    )
-    assert compared.pairs[0].reason == "they share observations"
-    assert "no pair could be tested" in str(compared)

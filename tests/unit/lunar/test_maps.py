@@ -110,23 +110,6 @@ def test_view_shows_the_ground(tmp_path, name, pixel_m):
     np.testing.assert_allclose(view[valid], pattern(*at.T), rtol=0, atol=GREY)
 
 
-def test_reduced_view_is_not_shifted(tmp_path):
-    """A view of 4 pixels in one, beside means of the pattern: half a pixel of the map off shows as 6 grey values."""
-    base = Map.open(write_map(tmp_path / "a.tif", PROJECTIONS["orthographic"], pixel_m=10.0, size=800))
-    plane = base.plane()
-    view, valid = base.view(plane, -1000.0, 1000.0, 40.0, (50, 50))
-    sub = (np.arange(4) - 1.5) * 10.0
-    east = -1000.0 + 40.0 * np.arange(50)[:, np.newaxis] + sub
-    mean = np.zeros((50, 50))
-    for dx in range(4):
-        for dy in range(4):
-            grid = np.meshgrid(east[:, dx], -east[:, dy])
-            at = plane.to_longitude_latitude(np.column_stack([g.ravel() for g in grid]))
-            mean += pattern(*at.T).reshape(50, 50) / 16.0
-    assert valid.all()
-    np.testing.assert_allclose(view, mean, rtol=0, atol=GREY)
-
-
 def test_views_outside_and_voids_are_marked(tmp_path):
     base = Map.open(write_map(tmp_path / "a.tif", PROJECTIONS["Mercator"]))
     _, _, east, north = base.extent_m(base.plane())

@@ -25,7 +25,7 @@ from terrain_maps import (
     write_pds3,
 )
 
-from radioloc.errors import FileFormatError, InputError
+from radioloc.errors import InputError
 from radioloc.lunar import TerrainModel
 
 QUANTISED_M = BILINEAR_M + 0.25  # half of the 0.5 m step
@@ -113,14 +113,6 @@ def test_pds3_labels_refused(tmp_path, changes, message):
         TerrainModel.open(path)
 
 
-def test_image_of_a_detached_label_names_the_label(tmp_path):
-    write_pds3(
-        tmp_path, np.full((36, 72), 100.0), projection="SIMPLE CYLINDRICAL", map_scale="151616.75 <m/pix>"
-    )
-    with pytest.raises(FileFormatError, match=r"\.LBL"):
-        TerrainModel.open(tmp_path / "MAP.IMG")
-
-
 @pytest.mark.parametrize(
     ("values", "kwargs", "open_with", "quantity", "unit", "shift_m"),
     [
@@ -180,12 +172,6 @@ def test_other_bodies_refused(tmp_path, reference, message):
     affine = Affine(0.5, 0, -5, 0, -0.5, 5)
     with pytest.raises(InputError, match=message):
         TerrainModel.open(write(tmp_path / "a.tif", SLOPING, reference, affine))
-
-
-@pytest.mark.filterwarnings("ignore::rasterio.errors.NotGeoreferencedWarning")  # of the file's writing
-def test_map_without_projection_refused(tmp_path):
-    with pytest.raises(FileFormatError, match="where its cells lie"):
-        TerrainModel.open(write(tmp_path / "a.tif", SLOPING, None, Affine.identity()))
 
 
 @pytest.mark.parametrize(

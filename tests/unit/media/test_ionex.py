@@ -1,10 +1,9 @@
-import gzip
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
-from atmosphere_files import IONEX_LATITUDES, IONEX_LONGITUDES, Field, ionex_text, labelled
+from atmosphere_files import IONEX_LATITUDES, IONEX_LONGITUDES, Field, ionex_text
 
 from radioloc.earth.geodesy import itrf_from_geodetic
 from radioloc.errors import CoverageError, FileFormatError, InputError
@@ -115,16 +114,6 @@ def test_negative_contents_cause_no_delay(maps) -> None:
     tec = read.slant_tec(station, np.deg2rad([200.0]), np.deg2rad([30.0]), epochs)
     assert tec.tolist() == [0.0]
     assert ionosphere_delay_m(tec, np.array([8.4e9])).tolist() == [0.0]
-
-
-def test_exponent_within_the_maps_and_gzip(tmp_path: Path) -> None:
-    second = labelled("     2", "START OF TEC MAP")
-    text = ionex_text(flat).replace(second, f"{labelled('     0', 'EXPONENT')}\n{second}")
-    path = tmp_path / "test0150.19i.gz"
-    path.write_bytes(gzip.compress(text.encode()))
-    first, second = read_ionex(path).tec_tecu[:2, 0, 0]
-    assert first == pytest.approx(57.5, abs=ROUNDING_TECU)
-    assert second == pytest.approx(595.0, abs=0.6)
 
 
 def test_missing_values(tmp_path: Path) -> None:

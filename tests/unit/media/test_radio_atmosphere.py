@@ -9,7 +9,7 @@ from mappings import vmf3
 
 from radioloc.earth import StationCatalogue, geodetic_from_itrf
 from radioloc.errors import CoverageError, InputError
-from radioloc.media.air_files import Gpt3Grid, Vmf3Grids
+from radioloc.media.air_files import Gpt3Grid
 from radioloc.media.grids import LatLonGrid
 from radioloc.media.mapping_functions import day_of_year
 from radioloc.media.neutral_atmosphere import (
@@ -86,15 +86,6 @@ def test_climate_with_and_without_weather(weather):
     wet_m = zenith_wet_delay_askne_nordius_m(vapour, values.mean_temperature_k, values.vapour_decrease_factor)
     np.testing.assert_allclose(zenith.hydrostatic_m, dry_m, rtol=1e-14)
     np.testing.assert_allclose(zenith.wet_m, wet_m, rtol=1e-14)
-    assert_mapped(zenith, 1.22e-3, 5.4e-4, SHANGHAI.height_m)
-
-
-def test_maps_apply_to_all_stations():
-    values = np.broadcast_to([1.22e-3, 5.4e-4, 2.3, 0.1], (2, *GRID.shape, 4)).copy()
-    maps = Vmf3Grids(GRID, np.array([59185.5, 59185.75]), values, np.zeros(GRID.shape))
-    zenith, expected = air(RadioAtmosphere({}, maps, None)), maps.values_at(TT, *PLACE)
-    np.testing.assert_array_equal(zenith.hydrostatic_m, expected.zenith_hydrostatic_m)
-    np.testing.assert_array_equal(zenith.wet_m, expected.zenith_wet_m)
     assert_mapped(zenith, 1.22e-3, 5.4e-4, SHANGHAI.height_m)
 
 

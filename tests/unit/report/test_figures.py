@@ -10,9 +10,7 @@ from matplotlib import rc_context
 from toy_moon import LANDER_M, ToyMoon, toy_solution
 
 from radioloc.errors import InputError
-from radioloc.estimation import Labels
-from radioloc.report import plot_links, plot_position, plot_residuals, save_figure
-from radioloc.report.figures import new_figure
+from radioloc.report import plot_position, plot_residuals, save_figure
 
 
 @pytest.fixture(scope="module")
@@ -81,22 +79,3 @@ def test_matplotlib_is_imported_only_when_used_and_pyplot_never():
         "sys.exit('matplotlib.pyplot' in sys.modules)"
     )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
-
-
-@pytest.mark.parametrize("plot", [plot_position, plot_links])
-def test_any_figure_is_drawn_in_the_place_of_axes_given(solution, plot):
-    figure = new_figure(9.0, 5.0)
-    panel, place = figure.subplots(1, 2)
-    panel.plot([0.0, 1.0])
-    paths = Labels.from_texts([f"{name}>lander>{name}" for name in solution.residuals.station])
-    of_links = replace(solution, residuals=replace(solution.residuals, paths=paths))
-    assert plot(of_links, ax=place) is figure
-    figure.canvas.draw()
-    drawn = [
-        axes for axes in [*figure.axes, *(a for sub in figure.subfigs for a in sub.axes)] if axes is not panel
-    ]
-    edge = panel.bbox.x1
-    assert drawn
-    assert all(axes.bbox.x0 > edge for axes in drawn)
-    assert figure._repr_png_()[:4] == b"\x89PNG"
-    assert len(panel.lines) == 1

@@ -1,5 +1,4 @@
 import json
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,7 +7,6 @@ from toy_moon import LANDER_M, ToyMoon, toy_solution
 
 from radioloc.estimation import Parameter, ParameterSet
 from radioloc.estimation.editing import fit_with_editing
-from radioloc.estimation.gauss_markov import TimeCorrelation
 from radioloc.estimation.time_correlation import scaled_covariance
 from radioloc.parameters.parameter import Role
 
@@ -188,13 +186,3 @@ def test_paths_of_a_station_are_told_apart():
         rows = (solution.residuals.path == path.split()[1]) & solution.residuals.used
         assert by_path[path]["mean_m"] == pytest.approx(solution.residuals.residual_m[rows].mean())
         assert by_path[path]["mean_m"] == pytest.approx(mean_m, abs=1.0)
-
-
-def test_the_factor_of_time_correlation_is_of_the_sigma_without():
-    plain = toy_solution(ToyMoon(200, 24.0, biases=False))
-    added = 3.0 * plain.covariance
-    correlation = TimeCorrelation((), added, {})
-    correlated = replace(plain, covariance=plain.covariance + added, time_correlation=correlation)
-    assert plain.correlation_factor == 1.0
-    assert correlated.correlation_factor == pytest.approx(2.0, rel=1e-9)
-    np.testing.assert_allclose(correlated.sigma_enu_m("scaled"), 2.0 * plain.sigma_enu_m("scaled"), rtol=1e-9)

@@ -14,7 +14,6 @@ from radioloc.simulation import (
     Truth,
     TruthSigma,
     baselines,
-    one_way,
     simulate,
     two_way,
 )
@@ -82,25 +81,3 @@ def test_errors_of_each_pass_are_drawn(lander, lander_pa_m, model):
     np.testing.assert_array_equal(world.draw(seed=4).observations.value_m, world.value_m)
     with pytest.raises(InputError, match="clock_per needs clock_s"):
         TruthSigma(clock_per="pass")
-
-
-def test_one_way_and_differenced_measurements(lander, model):
-    sessions = [
-        Session("one_way_range", one_way("KASHI", "JIAMUSI"), START, STOP, 3600.0, 1.0),
-        Session("differenced_range", baselines("JIAMUSI", "KASHI"), START, STOP, 3600.0, 1.0),
-    ]
-    noise = NoiseModel({"one_way_range": Noise(white_m=1.0)}, Noise(white_m=0.1))
-    simulated = simulate(Schedule(sessions), lander, noise=noise, model=model, seed=2)
-    rows = {
-        path: simulated.observations.paths() == path for path in set(simulated.observations.paths().tolist())
-    }
-    assert set(rows) == {"lander>KASHI", "lander>JIAMUSI", "JIAMUSI<lander>KASHI"}
-    second, first, difference = (
-        simulated.error_free_m[rows[path]]
-        for path in ("lander>KASHI", "lander>JIAMUSI", "JIAMUSI<lander>KASHI")
-    )
-    np.testing.assert_allclose(difference, second - first, rtol=0.0, atol=1e-6)
-    assert not simulated.noise_m[rows["JIAMUSI<lander>KASHI"]].any()
-    assert simulated.noise_m[rows["lander>KASHI"]].all()
-    with pytest.raises(InputError, match=r"kind: .* 'differenced_delay'"):
-        Session("differenced_delay", baselines("JIAMUSI", "KASHI"), START, STOP, 3600.0, 1.0)

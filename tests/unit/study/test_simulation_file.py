@@ -9,7 +9,7 @@ from paths import ROOT
 import radioloc
 import radioloc.cli
 from radioloc.errors import InputError
-from radioloc.simulation import Noise, baselines, one_way
+from radioloc.simulation import Noise, one_way
 
 PAGE = ROOT / "docs" / "reference" / "simulation.md"
 EXAMPLE = re.search(r"```toml\n# simulated.toml\n(.*?)```", PAGE.read_text(), re.DOTALL)[1]
@@ -61,20 +61,6 @@ def test_mistakes_name_table_and_key(tmp_path, old, new, message):
     assert old in EXAMPLE
     with pytest.raises(InputError, match=message):
         read(tmp_path, EXAMPLE.replace(old, new, 1))
-
-
-def test_delay_rates_of_baselines(tmp_path):
-    """Doppler of the example made delay rates, with the noise of their stations."""
-    text = EXAMPLE.replace('kind = "doppler"', 'kind = "vlbi_delay_rate"').replace(
-        "[simulation.noise.range]",
-        "[simulation.noise.vlbi_station_rate]\nwhite_m = 0.002\n\n[simulation.noise.range]",
-    )
-    text = text.replace('stations = ["KASHI"]', 'stations = ["SESHAN25", "KUNMING", "URUMQI"]')
-    scenario = read(tmp_path, text).simulation
-    [session] = [s for s in scenario.schedule.sessions if s.kind == "vlbi_delay_rate"]
-    assert session.pairs == baselines("SESHAN25", "KUNMING", "URUMQI")
-    assert scenario.noise.vlbi_station_rate == Noise(white_m=0.002)
-    assert scenario.noise.vlbi_station == Noise()
 
 
 def test_links_follow_from_the_kind(tmp_path):
@@ -152,27 +138,6 @@ range_bias_m = { KASHI = 4.2 }
 clock_s = { KASHI = 1e-8 }
 clock_rate_s_s = { KASHI = 1e-13 }
 """
-
-
-def test_several_targets_are_simulated_and_located_in_one_study(tmp_path):
-    study = read(tmp_path, TWO_TARGETS)
-    simulated = radioloc.simulate(study)
-    observations = simulated.observations
-    of_rover = np.array([link.target == "rover" for link in observations.links])[observations.link]
-    assert set(observations.types()[~of_rover]) == {"range"}
-    assert set(observations.types()[of_rover]) == {"range", "doppler"}
-    # Errors of stations are common, noise is not.
-    ranges = observations.types() == "range"
-    assert simulated.added_m["range_bias"][ranges & of_rover].max() == pytest.approx(4.2)
-    assert simulated.added_m["range_bias"][ranges & ~of_rover].max() == pytest.approx(4.2)
-    assert not np.isin(simulated.noise_m[~of_rover], simulated.noise_m[ranges & of_rover]).any()
-    assert (np.diff(observations.epoch.mjd) >= 0.0).all()
-    solution = radioloc.locate(study, observations)
-    assert solution.converged
-    truth = study.simulation.targets["rover"]
-    offset_m = solution.of_target("rover").position.to_frame(truth.frame).xyz_m - truth.xyz_m
-    assert np.linalg.norm(offset_m) < 100.0
-    assert {item.target for item in radioloc.visibility(study).passes} == {"lander", "rover"}
 
 
 @pytest.mark.parametrize(

@@ -1,13 +1,12 @@
 """The records of a study refuse what makes no sense, and take what is plainly meant."""
 
-import math
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from radioloc.errors import InputError
-from radioloc.study import EstimateChoice, HeightPrior, ModelChoice, ObservationChoice
+from radioloc.study import EstimateChoice, ObservationChoice
 
 
 def test_single_names_and_files_stand_for_lists_of_one():
@@ -40,15 +39,3 @@ def test_a_key_of_a_parameter_can_be_replaced():
 def test_choice_of_observations_is_checked(fields, message):
     with pytest.raises(InputError, match=message):
         ObservationChoice(**fields)
-
-
-@pytest.mark.parametrize("height_m", [2.1e4, -2.1e4, math.nan, math.inf])
-def test_height_that_the_moon_does_not_have_is_refused(height_m):
-    with pytest.raises(InputError, match="lunar height"):
-        HeightPrior(height_m, 1.0)
-
-
-def test_terms_are_known_ones():
-    assert ModelChoice(off=["shapiro"]).off == ("shapiro",)
-    with pytest.raises(InputError, match="did you mean 'shapiro'"):
-        ModelChoice(off=["shapro"])

@@ -65,11 +65,6 @@ height_prior = { height_m = -1900.0, sigma_m = 5.0 }
 ephemeris_sigma_m = [0.1, 0.2, 0.3]
 rejection_sigma = 4
 weights = "correlated"
-[stations.MINE]
-itrf_m = [6378000.0, 0.0, 0.0]
-velocity_m_yr = [0.01, 0.0, 0.0]
-epoch = 2010.0
-aliases = ["9999"]
 [model]
 off = ["shapiro", "pole_tide"]
 ephemeris = "sub/de.bsp"
@@ -109,12 +104,6 @@ height_m = -1922.0
     assert study.model.ephemeris == str(folder / "sub" / "de.bsp")
     assert study.model.libration == "DE421"
     assert study.model.earth_orientation == folder / "eop.txt"
-    station = study.catalogue.get("9999")
-    assert (station.name, station.epoch_year, station.velocity_m_yr.tolist()) == (
-        "MINE",
-        2010.0,
-        [0.01, 0.0, 0.0],
-    )
     assert (study.reference.name, study.reference.position.frame) == ("JPL", "PA_DE421")
     [reference] = study.references
     assert (reference.name, reference.position.selenographic[2]) == ("map", pytest.approx(-1922.0))

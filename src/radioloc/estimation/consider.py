@@ -1,19 +1,23 @@
 """Consider parameters and the error budget of a position.
 
-Consider parameters are adjusted with their a-priori sigmas and not reported. The weights of the observations thus
-include their covariance C: observations that an error affects in common are down-weighted, and no posterior sigma
-exceeds its prior. With the covariance P of all adjusted parameters, the gain of an a-priori value is
-K = P C^-1, and the covariance is the sum over the independent sources of K_i C_i K_i^T: the error budget.
+Consider parameters are adjusted with their a-priori covariance C and not reported. The weights thus contain C:
+observations that an error affects in common are down-weighted, and no posterior sigma exceeds its prior. With the
+covariance P of all adjusted parameters, the gain of an a-priori value is K = P C^-1, and P is the sum of K_i C_i K_i^T
+over the independent sources: the error budget.
 
-Two kinds of errors stay out of the weights. Those that a study names as `suboptimal` are held at their a-priori values
-on purpose. Errors of the gravity field are draws that stand for a covariance of thousands of coefficients; a dozen
-draws do not span it, so an estimate that adjusted them would fit the draws and not the field. With the design matrix B
-of these, an error d changes the estimate by S d, S = P A^T W B (Tapley, Schutz and Born 2004, section 6.2; Montenbruck
-and Gill 2000, section 8.1.4), and S C S^T is added to the covariance.
+Two kinds of errors stay out of the weights: those that a study names as `suboptimal`, and errors of the gravity field.
+The latter are a dozen draws that do not span a covariance of thousands of coefficients, so that an estimate that
+adjusted them would fit the draws. With their design matrix B, an error b changes the estimate by S b, and S C S^T is
+added to P:
+
+    S = P A^T W B    (sensitivity matrix)
+
+References: Tapley, Schutz and Born (2004), section 6.2; Montenbruck and Gill (2000), section 8.1.4.
 """
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
@@ -103,7 +107,9 @@ class ReportedEstimate:
     consider: Consider | None
 
 
-def reported(fit: FitResult, covariance: Floats, suboptimal: ConsideredErrors | None) -> ReportedEstimate:
+def reported_estimate(
+    fit: FitResult, covariance: Floats, suboptimal: ConsideredErrors | None
+) -> ReportedEstimate:
     """Separate the estimate from the considered parameters, whose errors are a part of `covariance` (all, all)."""
     considered = fit.parameters.considered
     estimated, considered_indices = np.flatnonzero(~considered).tolist(), np.flatnonzero(considered).tolist()
@@ -143,36 +149,38 @@ def _subtract(covariance: Floats, part: Floats) -> Floats:
 
 
 def consider_sensitivity(fit: FitResult, effects_m: RowsOf, count: int) -> Floats:
-    """Sensitivity of the estimate, (p, count), to errors by their effects on observations (m,), (m, count)."""
+    """Return the sensitivity S, (p, count), to errors with partials B, `effects_m` from rows (m,) to (m, count)."""
     # Undetermined directions have an infinite variance already.
     root, sensitivity_matrix = fit.factor.root_covariance(), np.zeros((len(fit.parameters), count))
     if not count:
         return sensitivity_matrix
-    in_units = np.zeros((root.shape[1], count))
+    products = np.zeros((root.shape[1], count))  # (L A P^1/2)^T L B
     whitened = fit.whitened_unit_partials()
     if isinstance(fit.whitening, TransposableWhitener):
         # Weighting the few partials costs less than whitening many effects.
         for rows, weights in fit.whitening.transposed(whitened):
             for rows_at_once in slices(len(rows), 1 + count // _EFFECT_COLUMN_COUNT):
-                in_units += gram(weights[rows_at_once], effects_m(rows[rows_at_once]))
+                products += gram(weights[rows_at_once], effects_m(rows[rows_at_once]))
     else:
         for partials, effects in zip(whitened, fit.whitening.whitened(effects_m), strict=True):
-            in_units += gram(partials, effects)
-    sensitivity_matrix[fit.parameters.free] = root @ in_units
+            products += gram(partials, effects)
+    sensitivity_matrix[fit.parameters.free] = root @ products
     return sensitivity_matrix
 
 
-def few_errors(effects: Floats, sigma_m: Floats, unit_partials: Floats, usable: NDArray[np.bool_]) -> Floats:
-    """Effects (n, r), m, of a few independent errors of unit variance that replace all (n, c).
+def principal_errors(
+    effects: Floats, sigma_m: Floats, unit_partials: Floats, usable: NDArray[np.bool_]
+) -> Floats:
+    """Replace independent errors of unit variance by fewer, from effects (n, c) to effects (n, r), m.
 
-    They are the principal axes with a significant effect on the estimate, of partials (n, q) in units of its sigmas, or
-    on the residuals.
+    The errors kept are the principal axes with a significant effect on the residuals or on the estimate, whose partials
+    (n, q) are in units of its sigmas.
     """
     weights = (usable / sigma_m)[:, None]
     weighted, partials = effects * weights, unit_partials * weights
-    in_units = gram(partials, weighted)
+    shifts = gram(partials, weighted)
     residual_squares = gram(weighted, weighted) / (_MIN_EFFECT_VARIANCE * len(effects))
-    squares = in_units.T @ in_units + _MIN_EFFECT_SIGMAS**2 * residual_squares
+    squares = shifts.T @ shifts + _MIN_EFFECT_SIGMAS**2 * residual_squares
     values, axes = np.linalg.eigh(squares)
     return times(effects, axes[:, np.cumsum(values) > _MIN_EFFECT_SIGMAS**2])
 
@@ -201,13 +209,13 @@ class ErrorSource:
         return float(np.linalg.norm(self.sigma_m))
 
     def to_dict(self, axes: Iterable[str] = EAST_NORTH_UP) -> dict[str, Any]:
-        """Source, name and standard deviations, in types that JSON has."""
+        """Return source, name and standard deviations for JSON."""
         sigmas_m = zip((*axes, "total"), (*self.sigma_m.tolist(), self.total_m), strict=True)
         return {"source": self.source, "name": self.name} | {f"{axis}_m": sigma for axis, sigma in sigmas_m}
 
 
 def prior_effects(fit: FitResult) -> Floats:
-    """Change of the estimate by an error of one sigma of each a-priori value (columns), shape (p, p)."""
+    """Return the change of the estimate by one sigma of each a-priori value (columns), shape (p, p)."""
     free = np.flatnonzero(fit.parameters.free)
     root = fit.factor.root_covariance()
     effects = np.zeros((len(fit.parameters),) * 2)
@@ -216,7 +224,7 @@ def prior_effects(fit: FitResult) -> Floats:
 
 
 def shared_prior_effects(parameters: ParameterSet, effects: Floats) -> dict[str, Floats]:
-    """Change of the estimate (p,) by one sigma of each error that a-priori values share, by its name."""
+    """Return the change of the estimate (p,) by one sigma of each error that a-priori values share, by its name."""
     names = dict.fromkeys(name for item in parameters for name in item.prior_errors)
     return {
         name: effects
@@ -234,36 +242,38 @@ def error_budget(
     ephemeris_sigma_enu_m: Floats,
     direct_m: Floats | float = 0.0,
 ) -> tuple[ErrorSource, ...]:
-    """Divide the covariance of a position into independent sources, the largest first."""
+    """Divide the covariance of a position into independent sources, the largest first.
 
-    # Partials (..., 3, p) and the covariance by noise and a-priori values (..., 3, 3) may be at any epochs of an orbit;
-    # `effects` are those of prior_effects; errors of one sigma of considered parameters add `direct_m` (..., 3, c) by
-    # themselves. Of several epochs the mean is given.
-    def squared(moved_m: Floats, k: int) -> Floats:
-        return np.asarray(moved_m[..., :, None, k] * moved_m[..., None, :, k])
+    Partials (..., 3, p) and the covariance by noise and a-priori values (..., 3, 3) may be at several epochs of an
+    orbit, whose mean is given. `effects` are those of :func:`prior_effects`. Errors of one sigma of considered
+    parameters add `direct_m` (..., 3, c) to the position itself.
+    """
+
+    def outer(shift_m: Floats) -> Floats:
+        return np.asarray(shift_m[..., :, None] * shift_m[..., None, :])
 
     prior_effects_m = enu_partials @ effects
-    covariances = {(NOISE, ""): enu_covariance_m2 - prior_effects_m @ np.swapaxes(prior_effects_m, -1, -2)}
-    shared = shared_prior_effects(parameters, effects)
-    key_of_error: dict[str, tuple[str, str]] = {}
+    covariances = defaultdict[tuple[str, str], Any](float)
+    covariances[NOISE, ""] = enu_covariance_m2 - prior_effects_m @ np.swapaxes(prior_effects_m, -1, -2)
+    prior_keys: dict[str, tuple[str, str]] = {}
     for k, item in enumerate(parameters):
         # A-priori values that share errors are one source, less these errors.
         key = A_PRIORI, item.name.partition(".")[0] if item.prior_errors else item.name
         if item.role is Role.CONSIDERED:
             key = item.kind, owner(item)
-        covariances[key] = covariances.get(key, 0.0) + squared(prior_effects_m, k)
-        key_of_error |= dict.fromkeys(item.prior_errors, key)
-    for name, effect in shared.items():
+        covariances[key] = covariances[key] + outer(prior_effects_m[..., k])
+        prior_keys |= dict.fromkeys(item.prior_errors, key)
+    for name, effect in shared_prior_effects(parameters, effects).items():
         kind, _, label = name.partition(".")
-        error_m2 = squared((enu_partials @ effect)[..., None], 0)
-        covariances[key_of_error[name]] = covariances[key_of_error[name]] - error_m2
-        key = kind, label.rpartition(".")[0] or label
-        covariances[key] = covariances.get(key, 0.0) + error_m2
+        error_m2 = outer(enu_partials @ effect)
+        prior_key, error_key = prior_keys[name], (kind, label.rpartition(".")[0] or label)
+        covariances[prior_key] = covariances[prior_key] - error_m2
+        covariances[error_key] = covariances[error_key] + error_m2
     if considered is not None:
         considered_effects_m = enu_partials @ considered.sensitivity + direct_m
         for k, item in enumerate(considered.parameters):
             key = item.kind, owner(item)
-            covariances[key] = covariances.get(key, 0.0) + squared(considered_effects_m, k)
+            covariances[key] = covariances[key] + outer(considered_effects_m[..., k])
     covariances[EPHEMERIS, ""] = np.diag(ephemeris_sigma_enu_m**2)
     items = (ErrorSource(*key, part.reshape(-1, 3, 3).mean(axis=0)) for key, part in covariances.items())
     nonzero = (item for item in items if item.source not in (A_PRIORI, EPHEMERIS) or item.covariance_m2.any())
@@ -271,7 +281,7 @@ def error_budget(
 
 
 def owner(item: Parameter) -> str:
-    """Owner of a parameter: its name without kind, component and number of the pass; empty for a drawn error."""
+    """Return the name of a parameter without kind, component and number of the pass; empty for a drawn error."""
     if item.kind not in PARAMETERS:
         return ""
     _, _, name = item.name.partition(".")
@@ -280,8 +290,8 @@ def owner(item: Parameter) -> str:
     return name.rpartition(" ")[0] if item.span_utc is not None else name
 
 
-def by_source(items: Iterable[ErrorSource]) -> list[ErrorSource]:
-    """Sum of the parts of each source, the largest first."""
+def sum_by_source(items: Iterable[ErrorSource]) -> list[ErrorSource]:
+    """Sum the parts of each source, the largest first."""
     groups: dict[str, list[Floats]] = {}
     for item in items:
         groups.setdefault(item.source, []).append(item.covariance_m2)

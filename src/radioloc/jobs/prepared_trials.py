@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.estimation.consider import few_errors
+from radioloc.estimation.consider import principal_errors
 from radioloc.estimation.robust import linear_problem
 from radioloc.jobs.compared_target import ComparedTarget, true_parameters
 from radioloc.jobs.gravity_errors import GravityErrorOrbits
@@ -246,7 +246,7 @@ class Prepared:
         by_reported = linear_problem(partials[:, :count], reported, x[:count], noise, usable)
         if by_reported is None:
             return None
-        directions = few_errors(effects, noise.sigma_m, by_reported.basis, usable)
+        directions = principal_errors(effects, noise.sigma_m, by_reported.basis, usable)
         parameters = ParameterSet(
             [
                 *reported,

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from radioloc.errors import InputError
-from radioloc.estimation.consider import by_source
+from radioloc.estimation.consider import sum_by_source
 from radioloc.lunar.local import EAST_NORTH_UP
 from radioloc.report.figures import (
     COLORS,
@@ -47,7 +47,7 @@ _MAX_SOURCES = 9
 @draws_names_literally
 def plot_budget(solution: Solution, ax: Axes | None = None) -> Figure:
     """Draw the sigmas of the position east, north and up by source of error, the largest first."""
-    items = by_source(solution.budget)
+    items = sum_by_source(solution.budget)
     if not items:
         raise NothingToDrawError("expected a position that is estimated and determined")
     names = [source_name(item.source) for item in items]

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from radioloc.estimation.adaptation import MAX_SHIFT_SIGMAS, AdaptedEstimate
 from radioloc.estimation.combination import ReferenceComparison
-from radioloc.estimation.consider import UNMODELLED_ERROR, Consider, ConsideredErrors, reported
+from radioloc.estimation.consider import UNMODELLED_ERROR, Consider, ConsideredErrors, reported_estimate
 from radioloc.estimation.consistency import assess_consistency, rejected_runs
 from radioloc.estimation.consistency_results import ConsistencyTest
 from radioloc.estimation.editing import EditedFit, outlier_runs, run_reasons, with_reasons
@@ -78,7 +78,7 @@ def build_solution(
     runs = outlier_runs(edited, order)
     residuals = replace(residuals, statuses=with_reasons(edited.status, run_reasons(edited, runs)))
     covariance, correlation = estimated_covariance(edited, order)
-    estimate = reported(fit, covariance, considered)
+    estimate = reported_estimate(fit, covariance, considered)
     if correlation is not None:
         added = correlation.added_covariance[np.ix_(*[~fit.parameters.considered] * 2)]
         correlation = replace(correlation, added_covariance=added)

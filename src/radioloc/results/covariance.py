@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from radioloc.estimation.consider import NOISE, ErrorSource, by_source
+from radioloc.estimation.consider import NOISE, ErrorSource, sum_by_source
 from radioloc.estimation.statistics import finite_or_none, root_between
 from radioloc.lunar.local import EAST_NORTH_UP
 from radioloc.results.cards import Card, Field, metres, table
@@ -92,7 +92,7 @@ class PlannedArc:
 
     def by_source(self) -> dict[str, Floats]:
         """Return variances by the axes, shape (3,), by kind of source; the largest horizontal ones first."""
-        variances = {item.source: np.diag(item.covariance_m2) for item in by_source(self.sources)}
+        variances = {item.source: np.diag(item.covariance_m2) for item in sum_by_source(self.sources)}
         return dict(sorted(variances.items(), key=lambda item: -float(item[1][:2].sum())))
 
     def to_dict(self) -> dict[str, Any]:

@@ -15,8 +15,8 @@ from radioloc.estimation.consider import (
     NOISE,
     UNMODELLED_ERROR,
     ErrorSource,
-    by_source,
     owner,
+    sum_by_source,
 )
 from radioloc.measurements.registry import KINDS, MEASUREMENTS
 from radioloc.parameters.parameter import Role
@@ -280,12 +280,12 @@ def _budget(solution: Solution) -> Field:
     total_m2 = sum(item.total_m**2 for item in items)
     rows: list[tuple[str, ...]] = []
     small: list[ErrorSource] = []
-    for item in by_source(items):
+    for item in sum_by_source(items):
         if len(rows) < _MAX_ROWS and item.total_m**2 > _MIN_VARIANCE_FRACTION * total_m2:
             rows.append((source_name(item.source), *_sides(item)))
         else:
             small.append(replace(item, source="others"))
-    rows += [("others", *_sides(item)) for item in by_source(small)]
+    rows += [("others", *_sides(item)) for item in sum_by_source(small)]
     return Field(
         "budget",
         (),

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import radioloc
-from radioloc.estimation.consider import by_source, prior_effects
+from radioloc.estimation.consider import prior_effects, sum_by_source
 from radioloc.estimation.least_squares import fit_least_squares
 from radioloc.parameters.considered import considered_choices
 from radioloc.parameters.parameter import Parameter, ParameterSet
@@ -73,5 +73,5 @@ def test_the_budget_adds_up(solution):
     assert len(kashi) > 1
     [item] = [item for item in budget if (item.source, item.name) == ("zenith_delay", "KASHI")]
     assert item.total_m**2 == pytest.approx(np.sum([np.square(r["position_enu_m"]) for r in kashi]))
-    wholes = by_source(budget)
+    wholes = sum_by_source(budget)
     assert sum(total.total_m**2 for total in wholes) == pytest.approx(np.sum(np.square(totals)))

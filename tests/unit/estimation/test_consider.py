@@ -9,9 +9,9 @@ from radioloc.errors import InputError
 from radioloc.estimation.consider import (
     ConsideredErrors,
     consider_sensitivity,
-    few_errors,
+    principal_errors,
     prior_effects,
-    reported,
+    reported_estimate,
 )
 from radioloc.estimation.least_squares import fit_least_squares
 from radioloc.parameters.parameter import Parameter, ParameterSet, Role
@@ -44,7 +44,7 @@ def fitted(observed):
 def test_sensitivity_is_what_the_estimate_does():
     observed = DESIGN @ np.array([3.0, 1.2, 0.0])
     fit = fitted(observed)
-    result = reported(fit, fit.covariance, ERRORS).consider
+    result = reported_estimate(fit, fit.covariance, ERRORS).consider
     for k, sigma in ((0, 0.7), (1, 3.0)):
         moved = fitted(observed + sigma * EFFECTS[:, k]).x - fit.x
         assert result.sensitivity[:2, k] == pytest.approx(moved[:2], abs=1e-12)
@@ -61,7 +61,7 @@ def test_sensitivity_is_what_the_estimate_does():
 def test_covariance_of_drawn_errors():
     """1000 sets of data whose considered parameters are wrong by their sigmas: the whole covariance."""
     fit = fitted(np.zeros(60))
-    total = (fit.covariance + reported(fit, fit.covariance, ERRORS).consider.covariance)[:2, :2]
+    total = (fit.covariance + reported_estimate(fit, fit.covariance, ERRORS).consider.covariance)[:2, :2]
     errors = []
     for draw in RNG.normal(size=(1000, 63)):
         truth = np.array([0.0, 1.0 + 0.5 * draw[60], 0.0])
@@ -88,7 +88,7 @@ def test_weights_with_considered_errors_are_those_of_the_dense_covariance():
     free = DESIGN[:, :2]
     covariance = np.linalg.inv(free.T @ inverse @ free + np.diag([0.0, 0.5**-2.0]))
     expected = covariance @ (free.T @ inverse @ observed + [0.0, 1.0 * 0.5**-2.0])
-    estimate = reported(fit, fit.covariance, None)
+    estimate = reported_estimate(fit, fit.covariance, None)
     np.testing.assert_allclose(estimate.values[:2], expected, rtol=0.0, atol=1e-9)
     total = estimate.covariance + estimate.consider.covariance
     np.testing.assert_allclose(total[:2, :2], covariance, rtol=1e-9)
@@ -112,7 +112,7 @@ def test_few_errors_stand_for_many():
     """Errors that are alike, and one too small to matter, are one; a variance changes by less than 1 %."""
     effects = np.column_stack([EFFECTS[:, 0], EFFECTS[:, 0], 1e-4 * EFFECTS[:, 1]]) * 0.5
     unit_partials = DESIGN[:, :2] @ np.linalg.cholesky(fitted(np.zeros(60)).covariance[:2, :2])
-    reduced = few_errors(effects, SIGMA, unit_partials, np.ones(60, dtype=bool))
+    reduced = principal_errors(effects, SIGMA, unit_partials, np.ones(60, dtype=bool))
     assert reduced.shape == (60, 1)
     unit = [Parameter(name, "1", "bias", 0.0, 1.0, Role.CONSIDERED) for name in "xyz"]
     complete = adjusted(np.zeros(60), unit, effects).covariance[:2, :2]

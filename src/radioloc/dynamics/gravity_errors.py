@@ -1,4 +1,7 @@
-"""Effects of gravity field errors on an orbit: errors of the coefficients, and omitted degrees."""
+"""Effects of small perturbing accelerations on an orbit, to first order, and of errors of the gravity field.
+
+Gravity errors are those of the coefficients, and omitted degrees.
+"""
 
 from __future__ import annotations
 

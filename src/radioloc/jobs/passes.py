@@ -1,4 +1,9 @@
-"""Passes of a study's target over its stations, and tables of light times, ranges, Doppler and pointing."""
+"""Passes of a study's target over its stations, and tables of light times, ranges, Doppler and pointing.
+
+Directions for pointing are those of the light in the frame of the station: they include annual and diurnal aberration,
+but not refraction. A transmitting station points to the later position of the target, with the aberration of the
+opposite sign. The bending of light by the Sun is below 0.001 arcseconds for such near targets and neglected.
+"""
 
 from __future__ import annotations
 

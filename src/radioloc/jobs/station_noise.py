@@ -1,9 +1,15 @@
-"""Measurement noise of a study: sigmas stated by the files, and errors that delays of one epoch share.
+"""Measurement noise of a study, errors that delays of one epoch share, and offsets of independent clocks.
 
 The error of a VLBI station's arrival time (its receiver, its clock, the air above it) is in every delay of that epoch
 which the station has part in, with one sign as the second station and the other as the first. Likewise the error of how
 much that time grows over a count interval is in every delay rate of that epoch and interval. The error of the phase
 between two contiguous counts of Doppler is in both.
+
+Offsets of clocks that nothing ties together are estimated unless a study states otherwise. Three-way Doppler is counted
+against the receiving station's frequency standard and transmitted by another's; one-way Doppler begins with the
+target's oscillator. An offset of 1e-12, typical of all but hydrogen masers, moves a lander by hundreds of metres, a
+receiver's quartz by more than the lunar radius, and the residuals do not show it. Where quasar delays are present, the
+stations' clock offsets of some microseconds remain in all delays.
 """
 
 from __future__ import annotations

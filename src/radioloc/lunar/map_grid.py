@@ -1,9 +1,11 @@
-"""Cells of a map of the Moon by longitude and latitude.
+"""Cells of a map of the Moon by longitude and latitude, and interpolation among them.
 
 A position in the grid is two floats, row and column, counted so that the centre of a cell has whole numbers:
 the cell (0, 0) reaches from -0.5 to 0.5. GDAL's transform counts from a cell's corner; only this module
 adds the half cell between the two. Maps of all longitudes are closed: column -1 is the last one,
 and the row beyond the pole is the first row half a turn away.
+
+Interpolation is bilinear, or cubic convolution (Keys 1981, a = -1/2).
 """
 
 from __future__ import annotations

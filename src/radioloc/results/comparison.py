@@ -1,4 +1,4 @@
-"""Comparison of solutions: their table, tests of their agreement, and the joint estimate."""
+"""Comparison of solutions: positions with the joint estimate, and states of a spacecraft at one epoch."""
 
 from __future__ import annotations
 

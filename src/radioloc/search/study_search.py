@@ -2,6 +2,8 @@
 
 The searches, in this order: a first orbit near a rough one, the transmitters of passes among candidates, and
 undocumented manoeuvres.
+
+The edited study file keeps its comments.
 """
 
 from __future__ import annotations

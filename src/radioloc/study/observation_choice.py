@@ -1,4 +1,8 @@
-"""Choice of a study's observations: files, selection, and agreements on their content."""
+"""Choice of a study's observations: files, selection, and agreements on their content.
+
+Files of listeners do not record the transmitters and turnaround ratios of received passes. `radioloc search` finds them
+among candidates, pass by pass.
+"""
 
 from __future__ import annotations
 

@@ -1,6 +1,8 @@
-"""Tracking Data Messages in "keyword = value" notation (KVN): text to :class:`radioloc.io.tdm.message.TdmFile`.
+"""Tracking Data Messages: text to :class:`radioloc.io.tdm.message.TdmFile`.
 
 Source: CCSDS 503.0-B-2 (2020), chapter 4.
+
+The notation is "keyword = value" (KVN). Messages in XML (chapter 5) are rewritten as lines of KVN first.
 """
 
 from __future__ import annotations

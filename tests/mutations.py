@@ -31,10 +31,8 @@ TESTS = {
         "exact_predictor": "exact_predictor arc_selection differenced", "light_path": "light_path gravitational_delay",
         "prepared_paths": "exact_predictor arc_selection", "link": "observations differenced",
         "lunar_motion": "lunar_motion trajectory",
-        "measurement_type": "measurement_type differenced", "observations": "",
-        "physical_model": "", "predictor": "arc_selection combined_predictor",
-        "registry": "combined_predictor differenced observations", "station_motion": "",
-        "terms": "physical_model",
+        "observations": "", "physical_model": "", "predictor": "arc_selection combined_predictor",
+        "registry": "combined_predictor differenced measurement_type observations", "station_motion": "",
     },
     "estimation": {
         "consider": "consider budget", "editing": "editing phase_editing",

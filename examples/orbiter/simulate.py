@@ -16,8 +16,7 @@ import spiceypy
 
 import radioloc
 from radioloc.io.table import write_table
-from radioloc.measurements.measurement_type import TIME_TAGS
-from radioloc.measurements.registry import KINDS
+from radioloc.measurements.registry import KINDS, TIME_TAGS
 
 BODY = -999
 GM_MOON_KM3_S2 = 4902.800076

@@ -32,7 +32,7 @@ V = TypeVar("V")
 _REGISTRIES: list[Registry[Any]] = []
 _REGISTRY_MODULES = (
     *("media", "measurements.registry", "parameters.registry", "io.formats", "io.exporters"),
-    *("targets.registry", "study.schema", "results.registry", "report.figure_types"),
+    *("targets.target", "study.schema", "results.registry", "report.figure_types"),
 )
 """Modules with the registries of :func:`register`, which may not have been imported before."""
 

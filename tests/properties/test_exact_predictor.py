@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from radioloc.lunar import selenographic_to_cartesian
 from radioloc.measurements import ExactPredictor, FixedPoint, PhysicalModel
-from radioloc.measurements.measurement_type import TIME_TAGS
+from radioloc.measurements.registry import TIME_TAGS
 from radioloc.time import Epochs
 
 # Noise of both ranges that are compared, the surface's by the last place of the lunar angle psi (3 micrometres) first.

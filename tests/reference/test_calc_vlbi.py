@@ -36,8 +36,7 @@ from radioloc.earth.geodesy import geodetic_from_itrf, rot_itrf_to_enu
 from radioloc.earth.solid_tide import pole_tide_displacement, secular_pole_rad
 from radioloc.lunar import rot_icrf_to_pa
 from radioloc.measurements import ExactPredictor, FixedPoint, Link, Observations, PhysicalModel
-from radioloc.measurements.measurement_type import TIME_TAGS
-from radioloc.measurements.registry import KINDS
+from radioloc.measurements.registry import KINDS, TIME_TAGS
 from radioloc.media.neutral_atmosphere import zenith_hydrostatic_delay_m
 from radioloc.time import Epochs, geocentric_tdb_minus_tt, utc_to_tt
 

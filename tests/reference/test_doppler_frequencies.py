@@ -24,8 +24,8 @@ from radioloc.measurements import (
     Ramps,
     prepare_predictor,
 )
+from radioloc.measurements.physical_model import TERMS
 from radioloc.measurements.registry import kind_of
-from radioloc.measurements.terms import TERMS
 from radioloc.time import Epochs, tai_to_utc, utc_to_tt
 
 HZ, RANGE_M = 1e-5, 1e-3

@@ -12,7 +12,7 @@ from forty_digits import DIGITS, FortyDigits, mpf
 
 from radioloc.earth.stations import StationCatalogue
 from radioloc.measurements import TERMS, ExactPredictor
-from radioloc.measurements.measurement_type import TIME_TAGS
+from radioloc.measurements.registry import TIME_TAGS
 from radioloc.time import Epochs, utc_to_tt
 
 GOAL_M = 5e-5

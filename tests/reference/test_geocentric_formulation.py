@@ -14,8 +14,7 @@ from geocentric_formulation import GeocentricFormulation
 from radioloc.constants import C_M_S
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements import TERMS, ExactPredictor, FixedPoint, Link, Observations, PhysicalModel
-from radioloc.measurements.measurement_type import TIME_TAGS
-from radioloc.measurements.registry import KINDS
+from radioloc.measurements.registry import KINDS, TIME_TAGS
 from radioloc.time import Epochs, epochs_from_strings, tai_to_utc, utc_to_tai, utc_to_tt
 
 RANGE_GOAL_M, DELAY_GOAL_S = 1e-3, 3e-12

@@ -20,7 +20,7 @@ from radioloc.earth import StationCatalogue, geodetic_from_itrf
 from radioloc.earth.eop import EopTable
 from radioloc.errors import InputError
 from radioloc.kernels import find_kernel
-from radioloc.measurements.terms import TERMS
+from radioloc.measurements.physical_model import TERMS
 from radioloc.study import ModelChoice, Study
 from radioloc.time import utc_to_tt
 

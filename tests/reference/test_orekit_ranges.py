@@ -19,8 +19,7 @@ from radioloc.earth import EarthOrientation
 from radioloc.earth.eop import EopTable
 from radioloc.io.ccsds import write_orbit_oem
 from radioloc.measurements import TERMS, ExactPredictor, Link, Observations, PhysicalModel
-from radioloc.measurements.measurement_type import TIME_TAGS
-from radioloc.measurements.registry import KINDS
+from radioloc.measurements.registry import KINDS, TIME_TAGS
 from radioloc.time.scales import tai_to_utc, tdb_to_tt, tt_to_tai
 
 STATION = "DSS-43"

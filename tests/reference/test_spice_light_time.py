@@ -15,7 +15,7 @@ from radioloc.constants import C_M_S
 from radioloc.earth.eop import EopTable
 from radioloc.earth.stations import StationCatalogue
 from radioloc.measurements import TERMS, ExactPredictor, PhysicalModel
-from radioloc.measurements.measurement_type import TIME_TAGS
+from radioloc.measurements.registry import TIME_TAGS
 from radioloc.time import Epochs, utc_to_tt
 
 # SPICE's epoch is one float: 0.06 to 0.12 microseconds, in which the Earth moves 1.8 to 3.6 mm along its orbit, and

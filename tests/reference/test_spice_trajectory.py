@@ -13,7 +13,7 @@ from radioloc.constants import C_M_S, J2000_JD, MEAN_LUNAR_RADIUS_M, SECONDS_PER
 from radioloc.ephemeris import Trajectory
 from radioloc.kernels import find_kernel
 from radioloc.measurements import TERMS, ExactPredictor, PhysicalModel
-from radioloc.media.status import Status
+from radioloc.media.medium import Status
 from radioloc.time import Epochs, geocentric_tdb_minus_tt, tai_to_tt
 from radioloc.time.scales import tdb_to_tt
 

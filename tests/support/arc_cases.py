@@ -6,8 +6,7 @@ import numpy as np
 
 from radioloc.earth.orientation import EarthOrientation
 from radioloc.measurements import Computed, FixedPoint, Link, Observations, PhysicalModel
-from radioloc.measurements.measurement_type import TIME_TAGS
-from radioloc.measurements.registry import kind_of
+from radioloc.measurements.registry import TIME_TAGS, kind_of
 from radioloc.time import Epochs, tai_to_utc
 
 # JPL's DE421 reflector coordinates, principal axes: radius (m), latitude and east longitude (deg), as in the

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from radioloc._version import __version__
-from radioloc.cli import files, fitting, lookups, planning, predictions
+from radioloc.cli import files, fitting, lookups, planning
 from radioloc.cli.command import Command, Layout, Parser, flag
 from radioloc.cli.output import EXIT_STATUS
 from radioloc.plugins import Registry, entry_errors
@@ -15,7 +15,7 @@ COMMANDS = Registry(
         lookups.new,
         *(fitting.locate, fitting.residuals, fitting.arcs, fitting.leave_one_out),
         *(planning.simulate, planning.covariance, planning.monte_carlo),
-        *(predictions.visibility, predictions.light_time),
+        *(planning.visibility, planning.light_time),
         *(files.convert, files.compare, files.score, files.verify, files.export, files.plot_map),
         *(lookups.kernels, lookups.doctor, lookups.frames, lookups.stations, lookups.completion),
     ),

@@ -37,8 +37,8 @@ from radioloc.earth.stations import StationCatalogue, station_name
 from radioloc.errors import DataQualityWarning, FileFormatError
 from radioloc.io.checks import normal_points, read_utc, weather_at
 from radioloc.measurements.link import REFLECTORS, Link, canonical_target
-from radioloc.measurements.measurement_type import TIME_TAGS
 from radioloc.measurements.observations import WEATHER_LIMITS, Observations
+from radioloc.measurements.registry import TIME_TAGS
 from radioloc.text_files import read_lines
 from radioloc.vectors import Floats
 

@@ -35,10 +35,9 @@ from radioloc.earth.stations import StationCatalogue, station_name
 from radioloc.errors import DataQualityWarning, FileFormatError, in_file
 from radioloc.io.odf_records import OdfFile, odf_error, read_odf_file
 from radioloc.measurements.link import Link
-from radioloc.measurements.measurement_type import TIME_TAGS
 from radioloc.measurements.observations import Observations, without_duplicates
 from radioloc.measurements.ramps import DOWNLINK, DOWNLINK_LIMITS_HZ, UPLINK, Ramps, turnaround_ratio
-from radioloc.measurements.registry import kind_of
+from radioloc.measurements.registry import TIME_TAGS, kind_of
 from radioloc.quantities import accepts_quantities
 from radioloc.time import Epochs
 from radioloc.time.dates import utc_from_picoseconds

@@ -37,10 +37,9 @@ from radioloc.constants import C_M_S
 from radioloc.earth.stations import StationCatalogue, station_name
 from radioloc.errors import FileFormatError, InputError, in_file
 from radioloc.labels import Labels, changed
-from radioloc.measurements.measurement_type import TIME_TAGS
 from radioloc.measurements.observations import Observations, observations_from_columns
 from radioloc.measurements.ramps import Ramps
-from radioloc.measurements.registry import KINDS
+from radioloc.measurements.registry import KINDS, TIME_TAGS
 from radioloc.measurements.table_columns import (
     COLUMNS,
     OPTIONAL,

@@ -18,9 +18,9 @@ from radioloc.measurements.observations import Observations
 from radioloc.measurements.predictor import Predictor
 from radioloc.progress import progress_bar
 from radioloc.results.subsets import Arc, ArcStudy, LeaveOneOut, Omission
+from radioloc.study.observation_choice import rows_by_station
 from radioloc.study.study import Reference, Study
 from radioloc.study.study_file import as_study
-from radioloc.study.weights import rows_by_station
 
 _Mask = NDArray[np.bool_]
 

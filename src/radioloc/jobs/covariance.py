@@ -42,9 +42,9 @@ from radioloc.quantities import FloatLike, accepts_quantities
 from radioloc.results.covariance import Contribution, CovarianceStudy, Improvement, PlannedArc
 from radioloc.simulation import Scenario, Session
 from radioloc.simulation.schedule import Pair
+from radioloc.study.observation_choice import rows_by_station
 from radioloc.study.study import Study
 from radioloc.study.study_file import as_study
-from radioloc.study.weights import rows_by_station
 
 _Mask = NDArray[np.bool_]
 

@@ -9,8 +9,8 @@ import numpy as np
 
 from radioloc.estimation.consider import ConsideredErrors, owner
 from radioloc.estimation.hypotheses import TERM
+from radioloc.measurements.physical_model import TERMS
 from radioloc.measurements.predictor import Predictor
-from radioloc.measurements.terms import TERMS
 from radioloc.parameters.choice import ParameterChoice, chosen_parameters
 from radioloc.parameters.columns import Columns, members
 from radioloc.parameters.considered import default_sigmas

@@ -28,10 +28,9 @@ from radioloc.estimation.status import FitStatus
 from radioloc.jobs.problem import EstimationProblem
 from radioloc.measurements.evaluation import prepare_predictor
 from radioloc.measurements.link import Link
-from radioloc.measurements.measurement_type import TIME_TAGS
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.predictor import Predictor
-from radioloc.measurements.registry import KINDS, MEASUREMENTS
+from radioloc.measurements.registry import KINDS, MEASUREMENTS, TIME_TAGS
 from radioloc.parameters.columns import PASS_GAP_H
 from radioloc.parameters.parameter import ParameterSet
 from radioloc.results.solution import Solution

@@ -22,11 +22,10 @@ from radioloc.lunar import rot_pa_to_me
 from radioloc.measurements.chebyshev_predictor import ChebyshevPredictor
 from radioloc.measurements.light_path import PLANETS_MM
 from radioloc.measurements.observations import Observations
-from radioloc.measurements.physical_model import PhysicalModel, kernel_record
+from radioloc.measurements.physical_model import TERMS, PhysicalModel, kernel_record
 from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.prepared_paths import is_radio
 from radioloc.measurements.target_motion import Motions
-from radioloc.measurements.terms import TERMS
 from radioloc.media.csp import CHARGED, DRY, WET
 from radioloc.parameters.choice import chosen_keys
 from radioloc.parameters.parameter import Parameter, ParameterSet, Role

@@ -23,11 +23,10 @@ from radioloc.jobs.preparation import build_model, prepared_arc
 from radioloc.labels import Labels
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.exact_predictor import ExactPredictor
-from radioloc.measurements.measurement_type import Geometry
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.predictor import reasons
-from radioloc.measurements.registry import is_one_way, kind_of
+from radioloc.measurements.registry import Geometry, is_one_way, kind_of
 from radioloc.measurements.station_motion import StationMotion
 from radioloc.measurements.target_motion import TargetMotion, TrajectoryMotion, as_motion
 from radioloc.quantities import DateLike, FloatLike, accepts_quantities
@@ -35,10 +34,10 @@ from radioloc.results.predictions import LightTimes, Pass, Passes
 from radioloc.simulation.schedule import LINKS, Schedule, Session
 from radioloc.simulation.simulate import TargetRecord
 from radioloc.simulation.visibility import Masks, Target, Window, elevations, tracked_target, windows
+from radioloc.study.observation_choice import link_stations
 from radioloc.study.study import Study
 from radioloc.study.study_file import as_study
-from radioloc.study.weights import link_stations
-from radioloc.targets.registry import TargetDescription
+from radioloc.targets.target import TargetDescription
 from radioloc.time import (
     Epochs,
     epochs_from_strings,

@@ -33,10 +33,9 @@ from radioloc.media.radio_atmosphere import RadioAtmosphere, read_radio_atmosphe
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.progress import step
 from radioloc.study.identity import spacecraft_doubts
-from radioloc.study.observation_choice import with_uplinks
+from radioloc.study.observation_choice import require_stations, weighted_observations, with_uplinks
 from radioloc.study.study import ModelChoice, Study
 from radioloc.study.study_file import as_study
-from radioloc.study.weights import require_stations, weighted_observations
 from radioloc.vectors import Floats
 
 logger = logging.getLogger(__name__)

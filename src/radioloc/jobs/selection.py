@@ -17,8 +17,7 @@ from radioloc.measurements.link import canonical_target
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.registry import KINDS, is_integrated
 from radioloc.quantities import FloatLike, accepts_quantities
-from radioloc.study.observation_choice import ObservationChoice
-from radioloc.study.weights import link_stations
+from radioloc.study.observation_choice import ObservationChoice, link_stations
 from radioloc.time import tai_to_utc, utc_to_tai
 
 DEFAULT_HOURS = (12.0, 24.0, 48.0)  # Arcs of Wang et al. (2021), table 1.

@@ -21,7 +21,7 @@ from radioloc.simulation import Scenario, Simulated, TruthSigma
 from radioloc.simulation.visibility import Target, tracked_target
 from radioloc.study.study import Study
 from radioloc.study.study_file import as_study
-from radioloc.targets.registry import TargetDescription
+from radioloc.targets.target import TargetDescription
 
 
 @on_one_blas_thread()

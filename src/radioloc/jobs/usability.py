@@ -14,7 +14,7 @@ from radioloc.labels import USED, Labels
 from radioloc.lunar.frames import earth_elevation_rad
 from radioloc.measurements.predictor import Predictor, blocks, reasons
 from radioloc.measurements.target_motion import Motions
-from radioloc.media.status import Status
+from radioloc.media.medium import Status
 from radioloc.targets.doubts import MIN_EARTH_ELEVATION_DEG
 from radioloc.time import Epochs, tt_to_tdb, utc_to_tt
 from radioloc.time.smooth import evaluate_smooth

@@ -10,15 +10,13 @@ from radioloc.measurements.equipment_delays import EquipmentDelays, StationDelay
 from radioloc.measurements.evaluation import prepare_predictor
 from radioloc.measurements.exact_predictor import ExactPredictor
 from radioloc.measurements.link import Link
-from radioloc.measurements.measurement_type import Geometry, MeasurementType, Part
 from radioloc.measurements.observations import Observations
-from radioloc.measurements.physical_model import PhysicalModel
+from radioloc.measurements.physical_model import TERMS, PhysicalModel
 from radioloc.measurements.predictor import Computed, Predictor
 from radioloc.measurements.ramps import Ramps
-from radioloc.measurements.registry import MEASUREMENTS
+from radioloc.measurements.registry import MEASUREMENTS, Geometry, MeasurementType, Part
 from radioloc.measurements.sources import read_sources
 from radioloc.measurements.target_motion import FixedPoint, OrbitMotion, TargetMotion, TrajectoryMotion
-from radioloc.measurements.terms import TERMS
 
 __all__ = [
     "MEASUREMENTS",

@@ -16,13 +16,12 @@ from numpy.typing import NDArray
 
 from radioloc.errors import InputError
 from radioloc.measurements.link import Link
-from radioloc.measurements.measurement_type import Part
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.predictor import Computed, Prediction, Predictor
-from radioloc.measurements.registry import KINDS, MEASUREMENTS, kind_of
+from radioloc.measurements.registry import KINDS, MEASUREMENTS, Part, kind_of
 from radioloc.measurements.target_motion import Motions, MotionsLike
-from radioloc.media.status import first_failure
+from radioloc.media.medium import first_failure
 from radioloc.plugins import entry_errors
 from radioloc.vectors import Floats
 

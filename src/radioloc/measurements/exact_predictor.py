@@ -18,7 +18,7 @@ from radioloc.measurements.registry import is_integrated
 from radioloc.measurements.station_motion import StationMotion
 from radioloc.measurements.target_motion import MotionsLike, partials_of_points
 from radioloc.media.ionosphere import delay_by_content_m
-from radioloc.media.status import first_failure
+from radioloc.media.medium import first_failure
 from radioloc.vectors import Floats, rotated
 
 

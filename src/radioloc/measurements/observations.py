@@ -19,9 +19,8 @@ from radioloc.constants import C_M_S
 from radioloc.earth.stations import StationCatalogue
 from radioloc.errors import DataQualityWarning, FileFormatError, InputError, visible
 from radioloc.measurements.link import Link
-from radioloc.measurements.measurement_type import TIME_TAGS
 from radioloc.measurements.ramps import Ramps
-from radioloc.measurements.registry import KINDS, MEASUREMENTS, is_integrated, kind_of
+from radioloc.measurements.registry import KINDS, MEASUREMENTS, TIME_TAGS, is_integrated, kind_of
 from radioloc.measurements.table_columns import (
     MIN_RANGE_RATE_M_S,
     RELATIVE_STEP,

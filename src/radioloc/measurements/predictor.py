@@ -16,10 +16,9 @@ from radioloc.ephemeris.trajectory import AnyTrajectory
 from radioloc.errors import InputError, StationError
 from radioloc.measurements.link import canonical_target
 from radioloc.measurements.observations import Observations
-from radioloc.measurements.physical_model import PhysicalModel
+from radioloc.measurements.physical_model import TERMS, PhysicalModel
 from radioloc.measurements.target_motion import Motions, MotionsLike, as_motions
-from radioloc.measurements.terms import TERMS
-from radioloc.media.status import describe
+from radioloc.media.medium import describe
 from radioloc.quantities import accepts_quantities
 from radioloc.vectors import Floats
 
@@ -46,7 +45,7 @@ class Computed:
     #: (n, 2), elevation of the target above the horizon of the transmitter and the receiver, without refraction;
     #: for counts at the end of the interval, or at its start if the target is below the horizon only there.
     elevation_rad: Floats
-    status: NDArray[np.int8]  #: (n, 2), :class:`~radioloc.media.status.Status` of the model at both ends
+    status: NDArray[np.int8]  #: (n, 2), :class:`~radioloc.media.medium.Status` of the model at both ends
     #: (n, 2, 3), partial derivatives with respect to the ITRF coordinates of the first and of the second
     #: station, m/m; shape (n, 0, 3) without ``more_partials``.
     by_station_itrf: Floats
@@ -221,7 +220,7 @@ class Predictor(ABC):
         """Return the effect of each active term on each computed value, m, shape (n,).
 
         The effect is the value with all terms less the value without the term, in the order of
-        :data:`~radioloc.measurements.terms.TERMS`.
+        :data:`~radioloc.measurements.physical_model.TERMS`.
         """
         all_motions = self._given(motions)
         full_m = self.predict(all_motions).value_m

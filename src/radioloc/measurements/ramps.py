@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from radioloc.constants import C_M_S
 from radioloc.errors import InputError
 from radioloc.measurements.table_columns import is_single_precision
-from radioloc.media.status import Status
+from radioloc.media.medium import Status
 from radioloc.quantities import accepts_quantities
 from radioloc.time import Epochs, tai_to_tt, tai_to_utc, utc_strings, utc_to_tai
 from radioloc.vectors import Floats

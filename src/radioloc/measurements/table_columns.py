@@ -22,8 +22,7 @@ from radioloc.constants import C_M_S, SECONDS_PER_DAY
 from radioloc.earth.stations import StationCatalogue
 from radioloc.errors import FileFormatError, InputError
 from radioloc.measurements.link import Link
-from radioloc.measurements.measurement_type import TIME_TAGS
-from radioloc.measurements.registry import KINDS
+from radioloc.measurements.registry import KINDS, TIME_TAGS
 from radioloc.text_files import text_of_cell
 from radioloc.time import Epochs, to_scale
 from radioloc.time.dates import utc_from_picoseconds, utc_from_text, utc_to_picoseconds

@@ -11,9 +11,8 @@ from radioloc.media.axis_offset import AntennaAxisOffset
 from radioloc.media.csp import read_csp
 from radioloc.media.ionex import read_ionex
 from radioloc.media.ionosphere import Ionosphere, UniformTec
-from radioloc.media.medium import Leg, LegDelay, LegEnd, Medium
+from radioloc.media.medium import Leg, LegDelay, LegEnd, Medium, Status
 from radioloc.media.radio_atmosphere import read_radio_atmosphere
-from radioloc.media.status import Status
 from radioloc.media.troposphere import Troposphere
 from radioloc.plugins import Registry
 

@@ -27,8 +27,7 @@ from numpy.typing import ArrayLike
 from radioloc.earth.geodesy import rot_itrf_to_enu
 from radioloc.errors import InputError
 from radioloc.media.csp import REFERENCE_HZ, MediaCalibrations
-from radioloc.media.medium import Leg, LegDelay, LegEnd
-from radioloc.media.status import MIN_ELEVATION_RAD, Status
+from radioloc.media.medium import MIN_ELEVATION_RAD, Leg, LegDelay, LegEnd, Status
 from radioloc.quantities import EpochsLike, accepts_quantities, convert_fields
 from radioloc.time import Epochs
 from radioloc.vectors import Floats, dot

@@ -14,10 +14,17 @@ from numpy.typing import NDArray
 
 from radioloc.errors import InputError
 from radioloc.media.csp import MediaCalibrations
-from radioloc.media.medium import Leg, LegDelay, LegEnd
+from radioloc.media.medium import (
+    MIN_ELEVATION_RAD,
+    WAVELENGTH_RANGE_UM,
+    Leg,
+    LegDelay,
+    LegEnd,
+    Status,
+    first_failure,
+)
 from radioloc.media.neutral_atmosphere import optical_delay
 from radioloc.media.radio_atmosphere import RadioAtmosphere, ZenithAir, zenith_air
-from radioloc.media.status import MIN_ELEVATION_RAD, WAVELENGTH_RANGE_UM, Status, first_failure
 
 _WEATHER_LIMITS = {"pressure_hpa": (300.0, 1100.0, "hPa"), "temperature_k": (200.0, 340.0, "K")}
 """Validity of the models of the air: lowest and highest value, unit."""

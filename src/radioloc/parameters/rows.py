@@ -10,12 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.constants import C_M_S
-from radioloc.measurements.measurement_type import TIME_TAGS
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.predictor import Computed, Prediction, Predictor
 from radioloc.measurements.prepared_paths import is_radio
-from radioloc.measurements.registry import is_differenced, is_integrated, is_one_way
+from radioloc.measurements.registry import TIME_TAGS, is_differenced, is_integrated, is_one_way
 from radioloc.measurements.target_motion import Motions, positions_pa_m
 from radioloc.time import Epochs, utc_to_tai, utc_to_tt
 from radioloc.time.smooth import evaluate_smooth
@@ -81,7 +80,7 @@ class ObservationRows:
 
     @cached_property
     def tag(self) -> NDArray[np.int8]:
-        """Index of the time tag in :data:`~radioloc.measurements.measurement_type.TIME_TAGS`."""
+        """Index of the time tag in :data:`~radioloc.measurements.registry.TIME_TAGS`."""
         return self.observations.tag[self.rows]
 
     @cached_property

@@ -17,10 +17,9 @@ from numpy.typing import NDArray
 from radioloc.constants import SECONDS_PER_DAY
 from radioloc.errors import InputError
 from radioloc.measurements.link import Link, canonical_target
-from radioloc.measurements.measurement_type import TIME_TAGS
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
-from radioloc.measurements.registry import KINDS, MEASUREMENTS
+from radioloc.measurements.registry import KINDS, MEASUREMENTS, TIME_TAGS
 from radioloc.quantities import accepts_quantities, convert_fields
 from radioloc.simulation.visibility import AtInfinity, Masks, Sight, Target
 from radioloc.time import Epochs, epochs_from_strings, utc_to_tai, utc_to_tt

@@ -35,7 +35,7 @@ from radioloc.simulation.truth import (
 )
 from radioloc.simulation.visibility import tracked_target
 from radioloc.targets.design import effects_on_orbit
-from radioloc.targets.registry import TargetDescription
+from radioloc.targets.target import TargetDescription
 from radioloc.time import Epochs, tai_to_utc, utc_strings, utc_to_tai
 from radioloc.vectors import Floats
 

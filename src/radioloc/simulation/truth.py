@@ -19,10 +19,9 @@ from radioloc.ephemeris.trajectory import AnyTrajectory
 from radioloc.errors import InputError
 from radioloc.lunar import rot_pa_to_me
 from radioloc.lunar.local import EAST_NORTH_UP, rot_pa_to_enu
-from radioloc.measurements.physical_model import PhysicalModel
+from radioloc.measurements.physical_model import PhysicalModel, active_terms
 from radioloc.measurements.predictor import Prediction, Predictor, blocks
 from radioloc.measurements.target_motion import FixedPoint, TargetMotion, TrajectoryMotion
-from radioloc.measurements.terms import active_terms
 from radioloc.parameters.choice import ParameterChoice, chosen_parameters
 from radioloc.parameters.kind import Scope
 from radioloc.parameters.parameter import Parameter, Role
@@ -30,8 +29,8 @@ from radioloc.parameters.registry import PARAMETERS
 from radioloc.quantities import DateLike, accepts_quantities
 from radioloc.simulation.noise import generator
 from radioloc.targets.design import DesignMatrix, ObservationModel
-from radioloc.targets.registry import TargetDescription
 from radioloc.targets.surface_point import SurfacePoint, cartesian
+from radioloc.targets.target import TargetDescription
 from radioloc.time import epochs_from_strings, utc_to_tai
 from radioloc.units import set_fields
 from radioloc.vectors import Floats

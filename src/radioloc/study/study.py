@@ -26,8 +26,8 @@ from radioloc.lunar.selenographic import require_lunar_height
 from radioloc.measurements.equipment_delays import EquipmentDelays, StationDelay
 from radioloc.measurements.evaluation import EVALUATIONS
 from radioloc.measurements.link import canonical_target
+from radioloc.measurements.physical_model import active_terms
 from radioloc.measurements.predictor import Predictor
-from radioloc.measurements.terms import active_terms
 from radioloc.media.ionosphere import UniformTec
 from radioloc.parameters.choice import ParameterChoice, parameter_choices, without_unobserved_members
 from radioloc.parameters.columns import PASS_GAP_H
@@ -42,7 +42,7 @@ from radioloc.study.orbit_choice import OrbitChoice
 from radioloc.study.orbiter import Orbiter
 from radioloc.study.schema import TomlTable, as_names, check, entry
 from radioloc.targets.position_prior import PositionPrior
-from radioloc.targets.registry import TargetDescription
+from radioloc.targets.target import TargetDescription
 from radioloc.time import Epochs
 from radioloc.units import set_fields
 

@@ -22,7 +22,7 @@ from radioloc.parameters.considered import considered_choices
 from radioloc.simulation import Scenario
 from radioloc.simulation.simulate import TargetRecord
 from radioloc.study.map_positions import PlaceOnMap
-from radioloc.study.observation_choice import ObservationChoice, Uplink
+from radioloc.study.observation_choice import ObservationChoice, Uplink, Weight
 from radioloc.study.orbit_choice import (
     ForcesChoice,
     OrbitChoice,
@@ -60,8 +60,7 @@ from radioloc.study.target_file import (
     reference_of,
     true_orbiter,
 )
-from radioloc.study.weights import Weight
-from radioloc.targets.registry import TargetDescription
+from radioloc.targets.target import TargetDescription
 
 _MAX_PLATE_SPEED_M_YR = 1.0  # Plates move by up to 0.1 m a year; more is another unit
 _MAX_ALIAS_DISTANCE_KM = 10.0  # Beyond, a station with an alias of the catalogue is a different one

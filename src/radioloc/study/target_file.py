@@ -16,7 +16,7 @@ from radioloc.study.orbit_choice import ForcesChoice
 from radioloc.study.orbiter import AXES, Landing, Orbiter, RoughOrbit
 from radioloc.study.schema import TomlTable, check, entry, keys_of
 from radioloc.study.study import ModelChoice, Reference
-from radioloc.targets.registry import TARGET_KINDS, TargetDescription
+from radioloc.targets.target import TARGET_KINDS, TargetDescription
 from radioloc.time import epochs_from_strings
 
 _FIT_KEYS = ("empirical", "gravity_errors", "gravity_error_degree")

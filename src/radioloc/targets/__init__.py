@@ -11,9 +11,8 @@ from radioloc.targets.known_trajectory import KnownTrajectory
 from radioloc.targets.orbit import TargetOrbit
 from radioloc.targets.orbit_state import OrbitState
 from radioloc.targets.position_prior import PositionPrior
-from radioloc.targets.registry import TARGET_KINDS, TargetDescription, TargetKind
 from radioloc.targets.surface_point import SurfacePoint
-from radioloc.targets.target import Target, WithoutForces
+from radioloc.targets.target import TARGET_KINDS, Target, TargetDescription, TargetKind, WithoutForces
 
 __all__ = [
     "TARGET_KINDS",

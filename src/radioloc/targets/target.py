@@ -1,21 +1,50 @@
-"""Protocol of targets: located objects with their parameters, motion and estimate."""
+"""Protocol of targets: located objects with their parameters, motion and estimate.
+
+Further kinds of target are registered by the entry points ``radioloc.targets`` or :func:`radioloc.register`. Positions,
+trajectories and orbiters need no ``kind``: their keys in ``[target]`` distinguish them.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from typing import Protocol, Self
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Protocol, Self, runtime_checkable
 
 import numpy as np
 
 from radioloc.dynamics import AdjustableOrbit
 from radioloc.errors import InputError
 from radioloc.estimation.status import Doubt
+from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.target_motion import TargetMotion
-from radioloc.parameters.parameter import Parameter
+from radioloc.parameters.parameter import Parameter, Role
+from radioloc.plugins import Registry
 from radioloc.targets.doubts import FittedObservations
 from radioloc.targets.orbit_state import OrbitState
 from radioloc.time import Epochs
 from radioloc.vectors import Floats
+
+
+@runtime_checkable
+class TargetDescription(Protocol):
+    """A-priori description of a target: a dataclass whose fields are the keys of its table in a study file."""
+
+    def target(self, name: str, model: PhysicalModel, role: Role = Role.ESTIMATED) -> Target:
+        """Return the target with a name, which is empty if it is the only one, and parameters of a role."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class TargetKind:
+    """Kind of target of a study file."""
+
+    name: str  #: unique name: ``kind`` of ``[target]`` and ``[targets.NAME]``
+    record: type[TargetDescription]  #: dataclass of the other keys, a :class:`TargetDescription`
+
+
+TARGET_KINDS: Mapping[str, TargetKind] = Registry("radioloc.targets", TargetKind, ())
+"""Kinds by name."""
+
 
 _NEWTON_STEP_COUNT = 20  # 5 suffice for elements of eccentric orbits
 _NEWTON_TOLERANCE = 1e-7  # last step, in m or in the smallest unit of a parameter's scale

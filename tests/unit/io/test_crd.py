@@ -8,7 +8,7 @@ import pytest
 from radioloc.constants import C_M_S
 from radioloc.errors import DataQualityWarning, FileFormatError
 from radioloc.io.crd import parse_crd
-from radioloc.measurements.measurement_type import TIME_TAGS
+from radioloc.measurements.registry import TIME_TAGS
 from radioloc.time import epochs_from_strings, utc_to_tai
 
 # One float of a second of day resolves 1.5e-11 s; the range changes by less than 1e3 m in a second.

@@ -12,7 +12,7 @@ from radioloc.io.tdm.kvn import parse_kvn
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements import ExactPredictor, FixedPoint, Link, PhysicalModel
 from radioloc.measurements.equipment_delays import EquipmentDelays, StationDelay
-from radioloc.media.status import Status
+from radioloc.media.medium import Status
 from radioloc.time import epochs_from_strings, utc_to_tai
 
 SIGMA_M = {

@@ -8,7 +8,7 @@ from change5_case import RANGING
 
 import radioloc
 from radioloc.constants import C_M_S
-from radioloc.measurements.measurement_type import TIME_TAGS
+from radioloc.measurements.registry import TIME_TAGS
 from radioloc.parameters.choice import ParameterChoice
 from radioloc.parameters.earth import STATION_POSITION
 from radioloc.parameters.rows import ObservationRows

@@ -7,8 +7,7 @@ import pytest
 import radioloc
 from radioloc.constants import C_M_S
 from radioloc.measurements import Link, Observations
-from radioloc.measurements.measurement_type import TIME_TAGS
-from radioloc.measurements.registry import KINDS
+from radioloc.measurements.registry import KINDS, TIME_TAGS
 from radioloc.time import epochs_from_strings
 
 LINES = """\

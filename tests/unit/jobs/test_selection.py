@@ -7,8 +7,7 @@ from radioloc import Observations, StationCatalogue
 from radioloc.errors import InputError, StationError
 from radioloc.jobs.selection import select_observations, with_target_names
 from radioloc.measurements import Link, Ramps
-from radioloc.measurements.measurement_type import TIME_TAGS
-from radioloc.measurements.registry import KINDS
+from radioloc.measurements.registry import KINDS, TIME_TAGS
 from radioloc.study import ObservationChoice
 from radioloc.time import epochs_from_strings
 

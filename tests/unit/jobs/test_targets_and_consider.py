@@ -12,8 +12,7 @@ from radioloc.errors import InputError
 from radioloc.io.formats import write_observations
 from radioloc.jobs.comparison import read_solutions
 from radioloc.measurements import FixedPoint, Link, Observations, PhysicalModel, prepare_predictor
-from radioloc.measurements.measurement_type import TIME_TAGS
-from radioloc.measurements.registry import KINDS
+from radioloc.measurements.registry import KINDS, TIME_TAGS
 from radioloc.time import Epochs, tai_to_utc
 
 LANDER = LunarPosition.from_selenographic(-51.9162, 43.0584, -2550.4)

@@ -7,7 +7,7 @@ from arc_cases import APOLLO15, epochs_tai, observations, with_predictions_after
 from radioloc.constants import C_M_S
 from radioloc.errors import PredictedEopWarning
 from radioloc.measurements import MEASUREMENTS, ExactPredictor, PhysicalModel
-from radioloc.measurements.measurement_type import TIME_TAGS
+from radioloc.measurements.registry import TIME_TAGS
 from radioloc.time import epochs_from_strings, utc_to_tai
 
 # Rounding of a difference of two ranges.

@@ -7,8 +7,8 @@ from arc_cases import APOLLO15, APOLLO15_PA_M, LASER, epochs_tai, observations
 from radioloc.constants import C_M_S
 from radioloc.errors import CoverageError, InputError, StationError
 from radioloc.measurements import TERMS, ExactPredictor, FixedPoint, Link, Observations
-from radioloc.measurements.measurement_type import TIME_TAGS
-from radioloc.media.status import Status, describe
+from radioloc.measurements.registry import TIME_TAGS
+from radioloc.media.medium import Status, describe
 from radioloc.time import Epochs, epochs_from_strings
 from radioloc.time.scales import tdb_to_tt, tt_to_tai
 

@@ -14,9 +14,9 @@ from radioloc.errors import CoverageError, FileFormatError, InputError
 from radioloc.measurements import ExactPredictor, Link, PhysicalModel
 from radioloc.media.csp import DRY, WET, read_csp
 from radioloc.media.ionosphere import Ionosphere, UniformTec
+from radioloc.media.medium import Status
 from radioloc.media.neutral_atmosphere import standard_weather, zenith_hydrostatic_delay_m
 from radioloc.media.radio_atmosphere import zenith_air
-from radioloc.media.status import Status
 from radioloc.time import epochs_from_strings, utc_to_tt
 
 PRINTED_M = 1e-12

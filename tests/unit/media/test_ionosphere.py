@@ -15,7 +15,7 @@ from radioloc.media.ionosphere import (
     modified_shell_mapping,
     pierce_point,
 )
-from radioloc.media.status import Status
+from radioloc.media.medium import Status
 
 X_DOWN_HZ = 8.4e9
 

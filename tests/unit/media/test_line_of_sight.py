@@ -9,8 +9,7 @@ from legs import end, leg, state
 from radioloc.earth.stations import StationCatalogue
 from radioloc.media.axis_offset import AntennaAxisOffset
 from radioloc.media.ionosphere import Ionosphere, UniformTec
-from radioloc.media.medium import Leg, behind_moon, line_of_sight
-from radioloc.media.status import Status
+from radioloc.media.medium import Leg, Status, behind_moon, line_of_sight
 from radioloc.media.troposphere import Troposphere
 
 MEDIA = (Troposphere(), Ionosphere(UniformTec(20.0)), AntennaAxisOffset())

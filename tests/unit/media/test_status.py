@@ -1,6 +1,6 @@
 import numpy as np
 
-from radioloc.media.status import Status, describe
+from radioloc.media.medium import Status, describe
 
 
 def codes(*rows):

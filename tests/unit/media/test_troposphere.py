@@ -9,13 +9,13 @@ from legs import end, leg
 
 from radioloc.earth.geodesy import geodetic_from_itrf
 from radioloc.errors import InputError
+from radioloc.media.medium import Status
 from radioloc.media.neutral_atmosphere import (
     standard_weather,
     water_vapour_pressure_hpa,
     zenith_hydrostatic_delay_m,
     zenith_wet_delay_m,
 )
-from radioloc.media.status import Status
 from radioloc.media.troposphere import Troposphere
 
 KASHI = geodetic_from_itrf(end(1).stations[0].itrf_m)

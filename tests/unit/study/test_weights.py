@@ -7,7 +7,7 @@ from radioloc import Observations
 from radioloc.earth.stations import StationCatalogue
 from radioloc.errors import InputError
 from radioloc.measurements import Link
-from radioloc.study.weights import Weight, require_stations, weighted_observations
+from radioloc.study.observation_choice import Weight, require_stations, weighted_observations
 from radioloc.time import Epochs
 
 CATALOGUE = StationCatalogue.default()

@@ -41,9 +41,8 @@ from radioloc.io.tdm.message import (
     unit_exponent,
 )
 from radioloc.io.tdm.segment import Reading, SegmentReader
-from radioloc.measurements.measurement_type import TIME_TAGS
 from radioloc.measurements.observations import Observations, without_duplicates, without_second
-from radioloc.measurements.registry import KINDS, MEASUREMENTS
+from radioloc.measurements.registry import KINDS, MEASUREMENTS, TIME_TAGS
 from radioloc.measurements.table_columns import FLIGHT_TIME_LIMITS_S
 from radioloc.vectors import Floats
 

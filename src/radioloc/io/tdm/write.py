@@ -36,9 +36,8 @@ from radioloc.io.tdm.message import (
     unit_exponent,
 )
 from radioloc.measurements.link import Link
-from radioloc.measurements.measurement_type import TIME_TAGS
 from radioloc.measurements.observations import Observations
-from radioloc.measurements.registry import KINDS, MEASUREMENTS
+from radioloc.measurements.registry import KINDS, MEASUREMENTS, TIME_TAGS
 from radioloc.text_files import write_blocks
 from radioloc.time import Epochs
 from radioloc.time.dates import utc_to_text

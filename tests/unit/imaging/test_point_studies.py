@@ -22,10 +22,8 @@ from radioloc.imaging import (
     read_isd,
 )
 from radioloc.imaging.ground_points import image_to_ground
-from radioloc.imaging.point_location import ground_at
 from radioloc.imaging.stereo import resect
-from radioloc.imaging.study import GroundChoice
-from radioloc.lunar import TangentPlane, TerrainModel
+from radioloc.lunar import TangentPlane
 from radioloc.study import PlaceOnMap
 
 STEREO = EXAMPLES / "stereo" / "stereo.toml"
@@ -145,22 +143,6 @@ def test_wrong_landmark_is_not_converged(stereo, tmp_path, capsys):
     assert main(["images", str(tmp_path / "study.toml")]) == 3
     output = " ".join(capsys.readouterr().out.split())
     assert "NOT CONVERGED: the rays of landmark a are 1" in output
-
-
-def test_height_follows_the_slope_of_the_ground():
-    dem = EXAMPLES / "images" / "dem.tif"
-    chosen = GroundChoice(dem=dem, dem_sigma_m=3.0)
-    longitude, latitude, step_m = -51.9101, 43.0533, 1.0
-    ground = ground_at(chosen, longitude, latitude)
-    scale = 1737400.0 / (1737400.0 + ground.height_m)
-    steps = TangentPlane(longitude, latitude).to_longitude_latitude(
-        scale * step_m * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
-    )
-    east, west, north, south = TerrainModel.open(dem).height_m(*np.radians(steps).T)
-    slopes = np.array([east - west, north - south]) / (2.0 * step_m)
-    assert np.abs(slopes).min() > 0.001
-    np.testing.assert_allclose(ground.to_enu[2], slopes, rtol=1e-3)
-    assert ground.sigma_m == 3.0
 
 
 def test_lander_in_an_orbital_image_has_the_errors_of_the_orbit(by_image):

@@ -87,19 +87,6 @@ def test_stated_positions_are_the_tables_of_both_papers():
     )
 
 
-def test_places_on_one_map_share_its_tie(tmp_path):
-    place = "longitude_deg = 1.0\nlatitude_deg = {}\nheight_m = 0.0\nsigma_m = 3.0\nmap = '{}'\nmap_sigma_m = 50.0\n"
-    path = tmp_path / "stated.toml"
-    chances = []
-    for name in ("one map", "another"):
-        path.write_text(
-            f"[positions.a]\n{place.format(2.0, 'one map')}[positions.b]\n{place.format(2.001, name)}"
-        )
-        [pair] = compare([path]).agreements
-        chances.append(pair.chance)
-    assert chances[0] < 1e-9 < 0.5 < chances[1]  # 30 m apart, of 4 m and of 71 m
-
-
 @pytest.mark.parametrize(
     ("text", "problem"),
     [

@@ -1,9 +1,16 @@
-"""Fits of studies: select observations, prepare the arc, fit, build the solution."""
+"""Fit of a study: position, orbit and other parameters from its observations.
+
+1. Select observations and prepare the model (:mod:`~radioloc.jobs.preparation`).
+2. Estimate parameters, reject outliers and estimate variance components. The fit is repeated after faults of counted
+   phase are rejected, after stochastic orbits are linearized about the estimate, and after the visibility of the target
+   is decided anew at the estimate.
+3. Repeat the fit with correlated weights if the study asks for them; add errors that are not in the weights.
+4. Test the residuals, decide whether the estimate is usable, and build the solution.
+"""
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -41,14 +48,13 @@ from radioloc.study.study import EstimateChoice, Study
 from radioloc.study.study_file import as_study
 from radioloc.targets.design import ObservationModel
 from radioloc.targets.doubts import FittedObservations
-from radioloc.targets.orbit_state import OrbitState
 
 logger = logging.getLogger(__name__)
 
-_SAME_VISIBILITY_M = 1e3
-"""Change of a fixed position that leaves its visibility as decided: 0.5 arc seconds of a station's elevation."""
-_MAX_VISIBILITY_DECISIONS = 4
-"""Fits after which visibility is decided anew: observations at a limit could be in and out by turns."""
+_MAX_SHIFT_M = (
+    1e3  # change of a position that leaves its visibility: 0.5 arc seconds of a station's elevation
+)
+_MAX_VISIBILITY_DECISIONS = 4  # fits with new visibility: observations at a limit could alternate
 
 
 def locate(
@@ -102,21 +108,21 @@ def compute_residuals(
 def fit_arc(
     study: Study,
     arc: Predictor,
-    left_out: dict[str, int],
+    not_selected: dict[str, int],
     estimate: EstimateChoice | None,
     *,
     consistency: bool = True,
 ) -> Solution:
-    """Fit a prepared arc; nothing is estimated where `estimate` is None. Groups are tested for `consistency`."""
-    return solve(EstimationProblem.from_study(study, arc, estimate), left_out, consistency=consistency)
+    """Fit a prepared arc; without `estimate` nothing is estimated, without `consistency` no group is tested."""
+    return solve(EstimationProblem.from_study(study, arc, estimate), not_selected, consistency=consistency)
 
 
 @on_one_blas_thread()
-def solve(problem: EstimationProblem, left_out: dict[str, int], *, consistency: bool = True) -> Solution:
-    """Return the solution of a problem; `left_out` counts observations that were not selected, by reason."""
+def solve(problem: EstimationProblem, not_selected: dict[str, int], *, consistency: bool = True) -> Solution:
+    """Fit a problem and build its solution; `not_selected` counts observations of the files by reason."""
     status, codes = usability(problem.arc, problem.start)
     with step(f"fitting {len(problem.arc.observations)} observations"):
-        edited, stochastic = _fit(problem, status, codes)
+        edited, stochastic = _estimate(problem, status, codes)
     model = problem.model if stochastic is None else stochastic.with_process
     logger.info(
         "fitted %d parameters to %d of %d observations",
@@ -128,17 +134,17 @@ def solve(problem: EstimationProblem, left_out: dict[str, int], *, consistency: 
     orbits = problem.orbits_with_gravity_errors(edited.fit.x)
     edited = with_weights(model.linearize, edited, problem.order, problem.estimate)
     suboptimal = problem.suboptimal_errors(model, edited.fit.x, orbits)
-    fitted = _Fitted(problem, model, edited, stochastic, orbits, suboptimal)
+    fitted = _Fit(problem, model, edited, stochastic, orbits, suboptimal)
     with step("testing the residuals"):
-        solution = _solution(fitted, consistency)
-        return _completed(
-            fitted, with_mistake(problem, solution, edited) if consistency else solution, left_out
-        )
+        solution = _build(fitted, consistency)
+        if consistency:
+            solution = with_mistake(problem, solution, edited)
+        return _complete(fitted, solution, not_selected)
 
 
 @dataclass(frozen=True, eq=False)
-class _Fitted:
-    """A problem with its fit by final weights."""
+class _Fit:
+    """Problem with its fit by final weights."""
 
     problem: EstimationProblem
     model: ObservationModel  # with the stochastic accelerations of its orbit, if there are any
@@ -193,7 +199,7 @@ class _Fitted:
         return all(doubt.status is not FitStatus.MISFIT for doubt in self.doubts)
 
 
-def _solution(fitted: _Fitted, consistency: bool) -> Solution:
+def _build(fitted: _Fit, consistency: bool) -> Solution:
     """Build the solution of a fit from its estimate and residuals."""
     problem, model, x = fitted.problem, fitted.model, fitted.x
     study, estimate, arc = problem.study, problem.estimate, model.predictor
@@ -236,21 +242,24 @@ def _solution(fitted: _Fitted, consistency: bool) -> Solution:
     )
 
 
-def _completed(fitted: _Fitted, solution: Solution, left_out: dict[str, int]) -> Solution:
-    """Return the solution with the state of its orbit, known positions, notes, and a verdict by its sigmas."""
+def _complete(fitted: _Fit, solution: Solution, not_selected: dict[str, int]) -> Solution:
+    """Add states of orbits, comparisons with known positions, notes, provenance, and the verdict by sigma."""
     problem, model, x = fitted.problem, fitted.model, fitted.x
     study, estimate, arc = problem.study, problem.estimate, model.predictor
     states = orbit_states(model, x, solution.parameter_covariance(), solution.consider, fitted.orbits)
     if fitted.stochastic is not None:
         [k] = states
         states[k] = fitted.stochastic.smoothed(states[k], fitted.edited, problem.order, fitted.suboptimal)
+    trajectory = solution.trajectory
+    if states and not model.place_indices:
+        trajectory = ", ".join(str(state.orbit) for state in states.values())
     constants = arc.model.ephemeris.constants
     comparisons = [compare_with(solution, xyz_m, name) for name, xyz_m in known_positions(study, constants)]
     if fitted.fits:
         solution = mark_if_unobservable(solution)
     notes = [*coordinate_doubts(arc, problem.start, fitted.edited.fit.used, fitted.fits)]
     considered = None if solution.consider is None else solution.consider.parameters
-    notes += study_notes(study, arc, left_out, estimate, fitted.edited, considered)
+    notes += study_notes(study, arc, not_selected, estimate, fitted.edited, considered)
     notes += problem.notes
     if model.place_indices:
         notes += axes_doubts(study, solution, constants)
@@ -260,43 +269,34 @@ def _completed(fitted: _Fitted, solution: Solution, left_out: dict[str, int]) ->
     return replace(
         solution,
         states={model.targets[k].name: state for k, state in states.items()},
-        trajectory=solution.trajectory if model.place_indices or not states else _paths(states),
+        trajectory=trajectory,
         reference=None if study.reference is None else comparisons[0],
         references=tuple(comparisons if study.reference is None else comparisons[1:]),
         notes=tuple(notes),
-        provenance=provenance(study, arc, left_out, estimate, fitted.motions),
-    )
-
-
-def _paths(states: Mapping[int, OrbitState]) -> str:
-    """Return the orbits that targets without a place move along."""
-    return ", ".join(str(state.orbit) for state in states.values())
-
-
-def _reasons(status: Labels, codes: NDArray[np.int8], observations: Observations) -> str:
-    """Return why observations are rejected: a count for each reason, with the first of them as an example."""
-    _, firsts, counts = np.unique(codes, return_index=True, return_counts=True)
-    paths = observations.paths()
-    return ", ".join(
-        f"{count} as {paths[first]} of {observations.origin(first)}, {status[[first]][0]}"
-        for first, count in sorted(zip(firsts.tolist(), counts.tolist(), strict=True), key=lambda p: -p[1])
+        provenance=provenance(study, arc, not_selected, estimate, fitted.motions),
     )
 
 
 def _require_usable(problem: EstimationProblem, status: Labels, codes: NDArray[np.int8]) -> None:
-    """Refuse an arc without usable observations."""
-    if not status.are(USED).any():
-        raise InputError(
-            f"no observations left: all {len(status)} are rejected: "
-            f"{_reasons(status, codes, problem.arc.observations)}; "
-            "check the target's position and frame, and the stations"
-        )
+    """Refuse an arc without usable observations, with a count and an example of each reason."""
+    if status.are(USED).any():
+        return
+    observations, reasons = problem.arc.observations, list[str]()
+    paths = observations.paths()
+    _, firsts, counts = np.unique(codes, return_index=True, return_counts=True)
+    for k in np.argsort(-counts, kind="stable").tolist():
+        first = int(firsts[k])
+        reasons.append(f"{counts[k]} as {paths[first]} of {observations.origin(first)}, {status[[first]][0]}")
+    raise InputError(
+        f"no observations left: all {len(status)} are rejected: {', '.join(reasons)}; "
+        "check the target's position and frame, and the stations"
+    )
 
 
-def _fit(
+def _estimate(
     problem: EstimationProblem, status: Labels, codes: NDArray[np.int8]
 ) -> tuple[EditedFit, StochasticProblem | None]:
-    """Return the fit, and its problem if the orbit has stochastic accelerations."""
+    """Return the edited fit, and its problem if the orbit has stochastic accelerations."""
     model, estimate = problem.model, problem.estimate
     if estimate is None:
         fit = fit_with_editing(
@@ -314,8 +314,8 @@ def _fit(
     if problem.process_noise is not None:
         start = _with_points(problem, model.parameters.prior_values if start is None else start, status)
         stochastic = StochasticProblem.linearized_about(model, problem.process_noise, start)
-    # Positions with a prior of their own begin there, not where visibility was decided.
-    decided_at = start if start is not None or estimate.position_priors else model.parameters.prior_values
+    # Positions with a prior begin there, not where visibility was decided.
+    visibility_x = start if start is not None or estimate.position_priors else model.parameters.prior_values
     decision_count = 0
     while True:
         model = model if stochastic is None else stochastic.with_process
@@ -326,9 +326,7 @@ def _fit(
             problem.noise,
             order=problem.order,
             groups=estimate.component_groups(problem.order),
-            status=with_reasons(
-                status, {row: reason for row, reason in phase_reasons.items() if visible[row]}
-            ),
+            status=with_reasons(status, {row: text for row, text in phase_reasons.items() if visible[row]}),
             threshold=estimate.rejection_sigma,
             start=start,
         )
@@ -341,17 +339,18 @@ def _fit(
             continue
         if used_faults:
             continue
-        decided = status
-        if edited.ended and decision_count < _MAX_VISIBILITY_DECISIONS and not _is_near(model, decided_at, x):
-            decision_count, decided_at = decision_count + 1, x
-            decided = _updated_visibility(model, x, status, edited.fit.used)
-        if decided is status:
-            return replace(edited, reasons=faults), stochastic
-        status, start = decided, x
+        is_final = not edited.ended or decision_count == _MAX_VISIBILITY_DECISIONS
+        if not is_final and not _is_near(model, visibility_x, x):
+            decision_count, visibility_x = decision_count + 1, x
+            new_status = _updated_visibility(model, x, status, edited.fit.used)
+            if new_status is not status:
+                status, start = new_status, x
+                continue
+        return replace(edited, reasons=faults), stochastic
 
 
 def _with_points(problem: EstimationProblem, x: NDArray[np.float64], status: Labels) -> NDArray[np.float64]:
-    """Return parameters x with those of targets other than orbits from a fit without process noise.
+    """Replace the parameters of targets other than orbits by those of a fit without process noise.
 
     The first selection with process noise is at the start. At an a-priori position that is 1.7 km off all observations
     of a lander beside an orbiter are rejected (`tests/unit/jobs/test_combinations.py`).
@@ -367,18 +366,18 @@ def _with_points(problem: EstimationProblem, x: NDArray[np.float64], status: Lab
     return x
 
 
-def _is_near(model: ObservationModel, decided_at: NDArray[np.float64] | None, x: NDArray[np.float64]) -> bool:
-    """Return whether visibility at parameters x is that of the parameters at which it was decided."""
-    if decided_at is None or model.predictor.trajectories:
+def _is_near(model: ObservationModel, previous_x: NDArray[np.float64] | None, x: NDArray[np.float64]) -> bool:
+    """Return whether visibility at parameters x is that at previous parameters."""
+    if previous_x is None or model.predictor.trajectories:
         return False
-    moved_m = positions_pa_m(model.motions(x)) - positions_pa_m(model.motions(decided_at))
-    return bool(np.abs(moved_m).max(initial=0.0) < _SAME_VISIBILITY_M)
+    moved_m = positions_pa_m(model.motions(x)) - positions_pa_m(model.motions(previous_x))
+    return bool(np.abs(moved_m).max(initial=0.0) < _MAX_SHIFT_M)
 
 
 def _updated_visibility(
     model: ObservationModel, x: NDArray[np.float64], status: Labels, used: NDArray[np.bool_]
 ) -> Labels:
-    """Decide anew at parameters x which observations can be used; return `status` itself where nothing changes.
+    """Decide at parameters x which observations can be used; return `status` itself if that is the same.
 
     An estimate from which most of the used observations are invisible is ignored; the verdict states it. Otherwise
     counts behind the Moon as seen from the a-priori orbit are lost (`tests/unit/jobs/test_orbit_study.py`).

@@ -1,4 +1,4 @@
-"""The card of a solution: the position or the orbit with its uncertainty, its error budget, and the fit."""
+"""Card of a solution: status, position or orbit with its uncertainty, error budget, parameters and the fit."""
 
 from __future__ import annotations
 
@@ -49,8 +49,7 @@ _MAX_ROWS = 6
 _MAX_PARAMETERS = 12
 _MAX_NAMED_SOURCES = 3
 _MAX_SENTENCES = 4
-_MIN_VARIANCE_FRACTION = 0.005
-"""Part of the variance below which sources are shown together."""
+_MIN_VARIANCE_FRACTION = 0.005  # smallest part of the variance of a source that the card names
 _MEASURES = {
     "what the consistency tests name, by correcting, excluding or estimating it": (UNMODELLED_ERROR,),
     "measurement noise, by more or better observations": (NOISE,),
@@ -70,36 +69,35 @@ _MEASURES = {
     "Earth orientation": ("ut1", "pole"),
 }
 """Sources of error by the measure that reduces them; other measures have the names of their sources."""
-_ESTIMATE_HEADING = ("parameter", "unit", "value", "sigma", "a priori")
+_SIGMA_HEADING = ("1 sigma, m", "east", "north", "up", "3D")
 
 
 @build_card.register(Solution)
 def solution_card(solution: Solution) -> Card:
-    """Collect the fields of the card, in order."""
+    """Return the fields of the card, in order."""
     sentences = (
-        *_doppler_alone(solution),
+        *_doppler_lines(solution),
         *solution.observability.describe()[:_MAX_SENTENCES],
         *sigma_levels((solution,)),
     )
     observable = (with_parameter_names(text, solution.parameters) for text in sentences)
-    orbit = [Field("orbit", _orbit(state)) for state in solution.states.values()]
-    if orbit and solution.trajectory is not None:
-        place = orbit
-    elif solution.trajectory is not None:
-        place = [Field("target", (f"on a trajectory, {solution.trajectory}", "taken as given"))]
-    else:
+    target_fields = [Field("orbit", _orbit_lines(state)) for state in solution.states.values()]
+    if solution.trajectory is None:
         target = (f"of {solution.targets[0].name}, the first of the targets",) if solution.targets else ()
-        place = [Field("position", (*target, *_position(solution))), _sigmas(solution), *orbit]
+        position = Field("position", (*target, *_position_lines(solution)))
+        target_fields = [position, _sigma_field(solution), *target_fields]
+    elif not target_fields:
+        target_fields = [Field("target", (f"on a trajectory, {solution.trajectory}", "taken as given"))]
     return Card(
         (
             Field("solution", (solution.name,)),
-            Field("status", _status(solution)),
-            *place,
-            Field("targets", _targets(solution)),
-            *in_section(BUDGET, _budget(solution)),
-            Field("reference", _reference(solution)),
-            Field("a priori", _position_priors(solution)),
-            *in_section(OBSERVABILITY, _estimated(solution), Field("fixed", _fixed(solution))),
+            Field("status", _status_lines(solution)),
+            *target_fields,
+            Field("targets", _target_lines(solution)),
+            *in_section(BUDGET, _budget_field(solution)),
+            Field("reference", _reference_lines(solution)),
+            Field("a priori", _prior_lines(solution)),
+            *in_section(OBSERVABILITY, _estimated_field(solution), Field("fixed", _fixed_lines(solution))),
             *fit_fields(solution),
             Field("observable", observable, section=OBSERVABILITY),
             Field("notes", solution.notes),
@@ -110,28 +108,23 @@ def solution_card(solution: Solution) -> Card:
 
 def _details(solution: Solution) -> Iterator[Detail]:
     """Yield complete tables, limits of the model and the provenance."""
-    rows = [(source_name(item.source), _owner(item), *_sides(item)) for item in solution.budget]
-    heading = ("1 sigma, m", "of", "east", "north", "up", "3D")
+    rows = [(source_name(item.source), _owner(item), *_sigma_cells(item)) for item in solution.budget]
+    heading = ("1 sigma, m", "of", *_SIGMA_HEADING[1:])
     yield Detail(BUDGET, "Every source", (Field("", (), heading, rows),))
-    pairs = solution.observability.correlations
     rows = [
         (parameter_name(pair.first), parameter_name(pair.second), f"{pair.coefficient:+.4f}")
-        for pair in pairs
+        for pair in solution.observability.correlations
     ]
     table = Field("", (), ("parameter", "and", "correlation"), rows)
     yield Detail(OBSERVABILITY, "All large correlations", (table,))
-    passes = [
-        (parameter_name(item.name), *item.span_utc)
-        for item in solution.parameters
-        if item.span_utc is not None
-    ]
-    table = Field("", (), ("parameter", "from (UTC)", "to"), passes)
+    parameters = solution.parameters
+    rows = [(parameter_name(item.name), *item.span_utc) for item in parameters if item.span_utc is not None]
+    table = Field("", (), ("parameter", "from (UTC)", "to"), rows)
     yield Detail(OBSERVABILITY, "Parameters of passes and sessions", (table,))
     yield rejected_detail(solution)
-    limits = Field(
-        "", (), ("not modelled, or the source of a model",), ((text,) for text in solution.limitations)
-    )
-    yield Detail(PROVENANCE, "Limits and sources of the model", (limits,))
+    limits = ((text,) for text in solution.limitations)
+    table = Field("", (), ("not modelled, or the source of a model",), limits)
+    yield Detail(PROVENANCE, "Limits and sources of the model", (table,))
     yield provenance_detail(solution.provenance)
 
 
@@ -140,7 +133,8 @@ def _owner(item: ErrorSource) -> str:
     return (parameter_name(item.name) if item.source == A_PRIORI else item.name) or "-"
 
 
-def _orbit(state: OrbitState) -> Iterator[str]:
+def _orbit_lines(state: OrbitState) -> Iterator[str]:
+    """Yield state, standard deviations and osculating elements of an orbit."""
     (elements, _), (lowest_m, highest_m) = state.elements(), state.apsides_m()
     x, y, z = (f"{value / 1e3:.6f}" for value in state.position_m)
     vx, vy, vz = (f"{value / 1e3:.9f}" for value in state.velocity_m_s)
@@ -152,7 +146,7 @@ def _orbit(state: OrbitState) -> Iterator[str]:
             radial_m, along_m, across_m = np.max(state.sigma_rtn_m(tdb), axis=0)
             yield f"{name} {metres(radial_m)} m radial, {metres(along_m)} m along, {metres(across_m)} m across"
     if state.process is not None:
-        yield _process(state.process)
+        yield _process_line(state.process)
     heights = " and higher" if highest_m is None else f" to {highest_m / 1e3:.1f}"
     yield (
         f"semi-major axis {elements['semi_major_axis_m'] / 1e3:.3f} km, eccentricity "
@@ -161,7 +155,7 @@ def _orbit(state: OrbitState) -> Iterator[str]:
     )
 
 
-def _process(process: ProcessEstimate) -> str:
+def _process_line(process: ProcessEstimate) -> str:
     """Return the rms of stochastic accelerations and their a-priori sigmas in words."""
     values = np.concatenate([chain[:-1] for chain in process.values_m_s2])
     rms, sigmas = (
@@ -175,15 +169,15 @@ def _process(process: ProcessEstimate) -> str:
     )
 
 
-def _doppler_alone(solution: Solution) -> Iterator[str]:
-    """Yield the best and the worst determined direction of a position from Doppler counts alone."""
+def _doppler_lines(solution: Solution) -> Iterator[str]:
+    """Yield the best and the worst determined direction of a position from Doppler without ranges or delays."""
     kinds = {group.label for group in solution.fit.by_type if group.used}
     determined = solution.position_estimated and solution.position_determined
     if not (determined and kinds and all(kind in KINDS and MEASUREMENTS[kind].integrated for kind in kinds)):
         return
     variances, axes = np.linalg.eigh(solution.position_covariance())
     best, *_, worst = (
-        f"{metres(math.sqrt(max(variance, 0.0)))} m {_towards(axis)}"
+        f"{metres(math.sqrt(max(variance, 0.0)))} m {_direction(axis)}"
         for variance, axis in zip(variances.tolist(), axes.T, strict=True)
     )
     yield (
@@ -192,9 +186,9 @@ def _doppler_alone(solution: Solution) -> Iterator[str]:
     )
 
 
-def _towards(east_north_up: NDArray[np.float64]) -> str:
-    """Return the words for a direction or its opposite, whichever points up."""
-    east, north, up = east_north_up * (1.0 if east_north_up[2] >= 0.0 else -1.0)
+def _direction(axis_enu: NDArray[np.float64]) -> str:
+    """Return azimuth and elevation, in words, of a direction or its opposite, whichever points up."""
+    east, north, up = axis_enu * (1.0 if axis_enu[2] >= 0.0 else -1.0)
     azimuth_deg = math.degrees(math.atan2(east, north)) % 360.0
     up_deg = math.degrees(math.asin(min(up, 1.0)))
     if up_deg > 80.0:
@@ -215,7 +209,8 @@ def sigma_levels(solutions: Iterable[Solution]) -> Iterable[str]:
     return dict.fromkeys(lines)
 
 
-def _status(solution: Solution) -> Iterator[str]:
+def _status_lines(solution: Solution) -> Iterator[str]:
+    """Yield the end of the fit, the reason why it is not usable, and findings that move the position."""
     if not solution.parameters.free.any():
         where = "at the given position" if solution.trajectory is None else "along the given trajectory"
         yield f"NO FIT: observed minus computed {where}"
@@ -228,7 +223,8 @@ def _status(solution: Solution) -> Iterator[str]:
     yield from finding_lines(solution, outside_ellipsoid=True)
 
 
-def _position(solution: Solution) -> Iterator[str]:
+def _position_lines(solution: Solution) -> Iterator[str]:
+    """Yield selenographic and Cartesian coordinates."""
     longitude_deg, latitude_deg, height_m = solution.selenographic
     yield f"{solution.me_frame}  {longitude_deg:.8f} deg E, {latitude_deg:+.8f} deg N, height {height_m:.3f} m"
     vectors = {solution.me_frame: solution.position_me_m, solution.pa_frame: solution.position_pa_m}
@@ -238,7 +234,8 @@ def _position(solution: Solution) -> Iterator[str]:
         yield "fixed at its a-priori value"
 
 
-def _sigmas(solution: Solution) -> Field:
+def _sigma_field(solution: Solution) -> Field:
+    """Return formal, scaled and total standard deviations, and the error ellipse."""
     if not solution.position_estimated:
         return Field("sigma", ("none: the position was not estimated",))
     levels: dict[str, Level] = {"formal": "formal"}
@@ -250,16 +247,16 @@ def _sigmas(solution: Solution) -> Field:
     errors += ["ephemeris error"] * bool(solution.ephemeris_sigma_enu_m.any())
     if errors:
         levels[f"total: {', '.join(errors)}"] = "total"
-    rows = []
-    for name, level in levels.items():
-        sigma_m = solution.sigma_enu_m(level)
-        rows.append((name, *map(metres, sigma_m), metres(float(np.linalg.norm(sigma_m)))))
+    sigmas_m = {name: solution.sigma_enu_m(level) for name, level in levels.items()}
+    rows = [
+        (name, *map(metres, sigma_m), metres(float(np.linalg.norm(sigma_m))))
+        for name, sigma_m in sigmas_m.items()
+    ]
     ellipse = solution.ellipse()
-    lines = () if ellipse is None else (ellipse_text(ellipse),)
-    return Field("sigma", lines, ("1 sigma, m", "east", "north", "up", "3D"), rows)
+    return Field("sigma", () if ellipse is None else (ellipse_text(ellipse),), _SIGMA_HEADING, rows)
 
 
-def _targets(solution: Solution) -> Iterator[str]:
+def _target_lines(solution: Solution) -> Iterator[str]:
     """Yield the position of each of several targets."""
     for target in solution.targets:
         located = solution.of_target(target.name)
@@ -270,50 +267,43 @@ def _targets(solution: Solution) -> Iterator[str]:
         )
 
 
-def _budget(solution: Solution) -> Field:
-    """Return sources of the sigma, and the most effective improvements."""
+def _budget_field(solution: Solution) -> Field:
+    """Return the sources of the position error, and the most effective improvement."""
     if not solution.position_estimated:
         return Field("budget")
     if not solution.position_determined:
         return Field("budget", ("the position is not determined",))
-    items = solution.budget
+    items, rows, small = solution.budget, list[tuple[str, ...]](), list[ErrorSource]()
     total_m2 = sum(item.total_m**2 for item in items)
-    rows: list[tuple[str, ...]] = []
-    small: list[ErrorSource] = []
     for item in sum_by_source(items):
         if len(rows) < _MAX_ROWS and item.total_m**2 > _MIN_VARIANCE_FRACTION * total_m2:
-            rows.append((source_name(item.source), *_sides(item)))
+            rows.append((source_name(item.source), *_sigma_cells(item)))
         else:
             small.append(replace(item, source="others"))
-    rows += [("others", *_sides(item)) for item in sum_by_source(small)]
-    return Field(
-        "budget",
-        (),
-        ("1 sigma, m", "east", "north", "up", "3D"),
-        rows,
-        (*_advice(items), *_common_range_bias(solution)) if solution.converged else (),
-    )
+    rows += [("others", *_sigma_cells(item)) for item in sum_by_source(small)]
+    advice = (*_advice_lines(items), *_range_bias_lines(solution)) if solution.converged else ()
+    return Field("budget", (), _SIGMA_HEADING, rows, advice)
 
 
-def _common_range_bias(solution: Solution) -> Iterator[str]:
+def _range_bias_lines(solution: Solution) -> Iterator[str]:
     """Yield the shift of the position by a metre of bias of all ranges, if no bias is estimated."""
     estimated = any(solution.parameters.free[k] for k in solution.parameters.of_kind("range_bias"))
     biases = () if solution.consider is None else solution.consider.parameters.of_kind("range_bias")
     if solution.consider is None or estimated or not biases:
         return
     consider, columns = solution.consider, list(biases)
-    by_sigmas = solution.enu_partials @ consider.sensitivity[:, columns]
-    shift_m = float(np.linalg.norm(by_sigmas @ (1.0 / consider.parameters.prior_sigmas[columns])))
+    shifts_m = solution.enu_partials @ consider.sensitivity[:, columns]  # by one sigma of each bias
+    shift_m = float(np.linalg.norm(shifts_m @ (1.0 / consider.parameters.prior_sigmas[columns])))
     stations = {owner(consider.parameters.parameters[k]) for k in columns}
     common = " common to all stations" if len(stations) > 1 else ""
     yield f"1 m of range bias{common} moves the position by {metres(shift_m)} m"
 
 
-def _sides(item: ErrorSource) -> tuple[str, ...]:
+def _sigma_cells(item: ErrorSource) -> tuple[str, ...]:
     return tuple(map(metres, (*item.sigma_m.tolist(), item.total_m)))
 
 
-def _advice(items: Sequence[ErrorSource]) -> Iterator[str]:
+def _advice_lines(items: Sequence[ErrorSource]) -> Iterator[str]:
     """Yield the largest errors of stations and parameters, and the measure that reduces the sigma most."""
     if not items:
         return
@@ -338,7 +328,8 @@ def _advice(items: Sequence[ErrorSource]) -> Iterator[str]:
     )
 
 
-def _reference(solution: Solution) -> Iterator[str]:
+def _reference_lines(solution: Solution) -> Iterator[str]:
+    """Yield the differences from known positions."""
     for reference in solution.all_references:
         line = (
             f"solution - {reference.name}: east {metres(reference.east_m)}, north {metres(reference.north_m)}, "
@@ -350,7 +341,7 @@ def _reference(solution: Solution) -> Iterator[str]:
         yield line
 
 
-def _position_priors(solution: Solution) -> Iterator[str]:
+def _prior_lines(solution: Solution) -> Iterator[str]:
     """Yield the a-priori values of the position's parameters with the distance of the estimate."""
     for item, value in zip(solution.parameters, solution.values, strict=True):
         if item.kind != "position" or item.fixed or not math.isfinite(item.prior_sigma):
@@ -363,35 +354,35 @@ def _position_priors(solution: Solution) -> Iterator[str]:
         )
 
 
-def _others(solution: Solution, *, fixed: bool = False) -> list[int]:
-    """Return the indices of estimated or of fixed parameters beside the position."""
-    free = solution.parameters.free
+def _parameter_indices(solution: Solution, *, free: bool) -> list[int]:
+    """Return the indices of the free or of the fixed parameters that are not those of the position."""
     involved = (solution.position_partials != 0.0).any(axis=0)
     return [
         k
         for k, item in enumerate(solution.parameters)
         if item.kind != "position"
         and not involved[k]
-        and free[k] != fixed
+        and item.fixed != free
         and item.role is not Role.CONSIDERED
     ]
 
 
-def _fixed(solution: Solution) -> Iterator[str]:
+def _fixed_lines(solution: Solution) -> Iterator[str]:
     """Yield the parameters that are fixed, with their values, in one line."""
-    items = [solution.parameters.parameters[k] for k in _others(solution, fixed=True)]
+    items = [solution.parameters.parameters[k] for k in _parameter_indices(solution, free=False)]
     values = [f"{parameter_name(item.name)} {item.prior_value:.6g} {item.unit}" for item in items]
     if values:
         yield ", ".join(first_lines(values, _MAX_PARAMETERS))
 
 
-def _estimated(solution: Solution) -> Field:
-    """Estimated parameters beside the position."""
+def _estimated_field(solution: Solution) -> Field:
+    """Return the estimated parameters beside the position."""
     sigmas, formal, rows = solution.sigmas(), solution.sigmas("formal"), []
-    for k in _others(solution):
+    for k in _parameter_indices(solution, free=True):
         item = solution.parameters.parameters[k]
-        is_free = math.isinf(item.prior_sigma)
-        prior = "free" if is_free else f"{item.prior_value:.4g} +- {item.prior_sigma:.4g}"
+        prior = (
+            "free" if math.isinf(item.prior_sigma) else f"{item.prior_value:.4g} +- {item.prior_sigma:.4g}"
+        )
         value = value_text(solution.values[k], formal[k])
         rows.append((parameter_name(item.name), item.unit, value, sigma_text(sigmas[k]), prior))
-    return table("estimated", _ESTIMATE_HEADING, rows, _MAX_PARAMETERS)
+    return table("estimated", ("parameter", "unit", "value", "sigma", "a priori"), rows, _MAX_PARAMETERS)

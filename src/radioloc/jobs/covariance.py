@@ -18,7 +18,7 @@ from radioloc.earth.stations import StationCatalogue
 from radioloc.errors import InputError
 from radioloc.estimation.consider import owner
 from radioloc.jobs.gravity_errors import GravityErrorOrbits
-from radioloc.jobs.notes import notes_of_plan
+from radioloc.jobs.notes import planning_notes
 from radioloc.jobs.one_thread import on_one_blas_thread
 from radioloc.jobs.planned_fit import PlannedFit
 from radioloc.jobs.preparation import build_model, planned_arc, prepared_arc
@@ -167,7 +167,7 @@ class _Plan:
             else like.with_gravity_errors
         )
         suboptimal = [item for _, items in problem.suboptimal for item in items]
-        notes += notes_of_plan(arc, left_out, [*problem.model.parameters, *suboptimal])
+        notes += planning_notes(arc, left_out, [*problem.model.parameters, *suboptimal])
         return cls(study, problem, usable, tuple(notes), orbits, errors)
 
     def fit(self, part: ArcPart) -> PlannedFit:

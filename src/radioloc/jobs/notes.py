@@ -1,4 +1,4 @@
-"""Notes of a result on its data and its model, for the card, and the provenance of ``solution.json``."""
+"""Notes of a result on its data and model, and its provenance: versions, files and settings that reproduce it."""
 
 from __future__ import annotations
 
@@ -38,15 +38,12 @@ from radioloc.study.study import EstimateChoice, Study, TerrainPrior
 from radioloc.targets.design import a_priori_orbits
 from radioloc.time import utc_strings
 
-_EQUATOR_M_S = 465.1  # Speed of a station on the Earth's equator
+_EQUATOR_M_S = 465.1  # speed of a station on the Earth's equator
 _MIN_AXES_IMPROVEMENT = (
-    3.0  # Ratio of distances; principal and mean-Earth axes are about 0.8 km apart on the ground
+    3.0  # ratio of distances; principal and mean-Earth axes are 0.8 km apart on the ground
 )
-_MAX_RELATIVE_OFFSET = 1e-4  # Relative frequency offset of a simple quartz oscillator
-_CONSIDERED_TERMS = (
-    "ionosphere",
-    "troposphere",
-)  # electron content is considered, and a zenith delay has a note
+_MAX_RELATIVE_OFFSET = 1e-4  # relative frequency offset of a simple quartz oscillator
+_NOTED_TERMS = ("ionosphere", "troposphere")  # electron content is considered, and a zenith delay has a note
 _RECORDED_KEYS = (
     "doppler_average_s",
     "extra_sigma_m",
@@ -60,7 +57,7 @@ _RECORDED_KEYS = (
 def study_notes(
     study: Study,
     arc: Predictor,
-    left_out: dict[str, int],
+    not_selected: dict[str, int],
     estimate: EstimateChoice | None,
     fitted: EditedFit,
     considered: ParameterSet | None,
@@ -69,11 +66,11 @@ def study_notes(
     notes = spacecraft_doubts(study, arc.observations, arc.model)
     if weights := study.observations.weights:
         notes.append(f"sigmas changed: {'; '.join(map(str, weights))}")
-    if terms := [f"{name} ({TERMS[name]})" for name in study.model.off if name not in _CONSIDERED_TERMS]:
+    if terms := [f"{name} ({TERMS[name]})" for name in study.model.off if name not in _NOTED_TERMS]:
         notes.append(f"switched off by [model] off, and not in the sigmas: {', '.join(terms)}")
     parameters = fitted.fit.parameters
     estimated = {item.kind for item in parameters if item.role is not Role.CONSIDERED}
-    notes += notes_of_plan(arc, left_out, [*parameters, *(considered or ())])
+    notes += planning_notes(arc, not_selected, [*parameters, *(considered or ())])
     if estimate is None:
         return notes
     kinds = {item.kind for item in considered or ()}
@@ -113,16 +110,18 @@ def _frequency_notes(study: Study, fitted: EditedFit) -> Iterator[str]:
         )
 
 
-def notes_of_plan(arc: Predictor, left_out: dict[str, int], parameters: Iterable[Parameter]) -> list[str]:
+def planning_notes(
+    arc: Predictor, not_selected: dict[str, int], parameters: Iterable[Parameter]
+) -> list[str]:
     """Return the notes that need no values: observations not selected, data that the user can improve.
 
     `parameters` are those of the fit, with the considered ones.
     """
-    not_selected = [
-        f"{plural(count, 'observation')} not selected: {reason}" for reason, count in left_out.items()
+    notes = [
+        f"{plural(count, 'observation')} not selected: {reason}" for reason, count in not_selected.items()
     ]
-    stations = [*_rounded_positions(arc, parameters), *_station_notes(arc, _IMPROVABLE)]
-    return [*not_selected, *stations, *_model_notes(arc)]
+    notes += [*_rounded_positions(arc, parameters), *_station_notes(arc, _IMPROVABLE), *_model_notes(arc)]
+    return notes
 
 
 def model_limitations(arc: Predictor) -> tuple[str, ...]:
@@ -164,21 +163,21 @@ def _radio_stations(arc: Predictor) -> list[Station]:
 
 def _rounded_positions(arc: Predictor, parameters: Iterable[Parameter]) -> Iterator[str]:
     """Yield the sigmas of stations whose catalogue coordinates are rounded."""
-    of_stations = [item for item in parameters if item.kind == "station_position"]
-    considered_m = {owner(item): item.prior_sigma for item in of_stations if item.role is Role.CONSIDERED}
-    estimated = {owner(item) for item in of_stations} - considered_m.keys()
-    stations_of: dict[tuple[float, float], list[Station]] = {}
+    positions = [item for item in parameters if item.kind == "station_position"]
+    considered_m = {owner(item): item.prior_sigma for item in positions if item.role is Role.CONSIDERED}
+    estimated = {owner(item) for item in positions} - considered_m.keys()
+    groups: dict[tuple[float, float], list[Station]] = {}
     for station in map(arc.model.catalogue.get, arc.stations):
         if station.quality == "rounded" and station.sigma_m is None and station.name not in estimated:
             sigmas_m = considered_m.get(station.name, 0.0), station.position_sigma_m
-            stations_of.setdefault(sigmas_m, []).append(station)
-    for (sigma_m, default_m), stations in stations_of.items():
-        text = f"catalogue positions of {_names(stations)} are rounded to 100 m to 1 km; "
-        text += (
+            groups.setdefault(sigmas_m, []).append(station)
+    for (sigma_m, default_m), stations in groups.items():
+        considered = (
             f"the sigma considered is {metres(sigma_m)} m a coordinate"
             if sigma_m
             else "no sigma is considered"
         )
+        text = f"catalogue positions of {_names(stations)} are rounded to 100 m to 1 km; {considered}"
         if sigma_m in (0.0, default_m):
             text += ": give better ones under [stations.NAME], or [consider] station_position_sigma_m"
         yield text
@@ -289,7 +288,7 @@ def _extrapolation_note(table: EopTable, mjd_utc: NDArray[np.float64]) -> Iterat
 def provenance(
     study: Study,
     arc: Predictor,
-    left_out: dict[str, int],
+    not_selected: dict[str, int],
     estimate: EstimateChoice | None,
     motions: Motions,
 ) -> dict[str, Any]:
@@ -300,7 +299,7 @@ def provenance(
     model, chosen = arc.model, study.model
     height = None if estimate is None else estimate.height_prior
     single_files = {"vmf3_orography": chosen.vmf3_orography, "gpt3": chosen.gpt3}
-    of_air = {"vmf3": chosen.vmf3} | {
+    troposphere = {"vmf3": chosen.vmf3} | {
         key: () if path is None else (path,) for key, path in single_files.items()
     }
     return {
@@ -308,7 +307,7 @@ def provenance(
         "study": study_origin(study) if _is_reproducible(study, arc.observations) else None,
         "files": [Path(name).name for name in arc.observations.files],
         "images": sorted({key for prior in study.estimate.position_priors for key in prior.data}),
-        "not_selected": left_out,
+        "not_selected": not_selected,
         **{key: getattr(study.observations, key) for key in _RECORDED_KEYS},
         "weights": [weight.record() for weight in study.observations.weights],
         "estimate": None if estimate is None else _estimate_record(estimate),
@@ -317,7 +316,7 @@ def provenance(
         else None,
         **_target_record(study),
         "ionosphere": {"ionex": [path.name for path in chosen.ionex], "tec_tecu": chosen.tec_tecu},
-        "troposphere": {key: _file_records(paths) for key, paths in of_air.items()},
+        "troposphere": {key: _file_records(paths) for key, paths in troposphere.items()},
         "sources": _file_records(chosen.sources),
         "free_clocks": list(model.free_clocks),
         "media_calibrations": {"csp": _file_records(chosen.csp), "scid": chosen.csp_scid},

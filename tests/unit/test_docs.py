@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 import pytest
-from ldem import write_ldem_4
 from paths import EXAMPLES, ROOT
 from recorded import recorded
 
@@ -333,8 +332,6 @@ def runs(language: str) -> list[Path]:
     "page", sorted({*runs("sh"), *runs("python")}), ids=lambda p: str(p.relative_to(DOCS))
 )
 def test_commands_and_code_run(page, workspace, restored_registries, capsys):
-    if "LDEM_4.LBL" in page.read_text():
-        write_ldem_4(workspace)  # which is too large to ship
     for block in blocks(page):
         if block.file:
             (workspace / block.file).write_text(block.text)

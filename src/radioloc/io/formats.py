@@ -20,8 +20,7 @@ from radioloc.io.frequencies import (
     read_strf,
 )
 from radioloc.io.mini import read_mini
-from radioloc.io.odf import read_odf
-from radioloc.io.odf_records import looks_like_odf
+from radioloc.io.odf import looks_like_odf, read_odf
 from radioloc.io.table import (
     RAMP_COLUMNS,
     read_parquet,

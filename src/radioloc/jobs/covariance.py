@@ -21,7 +21,7 @@ from radioloc.jobs.gravity_errors import GravityErrorOrbits
 from radioloc.jobs.notes import planning_notes
 from radioloc.jobs.one_thread import on_one_blas_thread
 from radioloc.jobs.planned_fit import PlannedFit
-from radioloc.jobs.preparation import build_model, planned_arc, prepared_arc
+from radioloc.jobs.preparation import build_model, planned_arc, prepared_arc, usability
 from radioloc.jobs.problem import (
     ArcPart,
     EstimationProblem,
@@ -30,7 +30,6 @@ from radioloc.jobs.problem import (
 )
 from radioloc.jobs.selection import arc_lengths
 from radioloc.jobs.simulate import antenna_targets, planned_orbits, with_true_positions
-from radioloc.jobs.usability import usability
 from radioloc.labels import USED
 from radioloc.measurements.link import Link
 from radioloc.measurements.observations import Observations

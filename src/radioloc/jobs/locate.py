@@ -29,11 +29,10 @@ from radioloc.jobs.mistakes import with_mistake
 from radioloc.jobs.notes import axes_doubts, model_limitations, provenance, study_notes
 from radioloc.jobs.one_thread import on_one_blas_thread
 from radioloc.jobs.orbit_start import initial_orbit
-from radioloc.jobs.preparation import known_positions, prepared_arc, with_model_of_caller
+from radioloc.jobs.preparation import known_positions, prepared_arc, usability, with_model_of_caller
 from radioloc.jobs.problem import EstimationProblem, with_weights
 from radioloc.jobs.station_doubts import coordinate_doubts
 from radioloc.jobs.stochastic import StochasticProblem
-from radioloc.jobs.usability import usability
 from radioloc.jobs.verdict import mark_if_unobservable, misfits, search_hints, with_considered
 from radioloc.labels import USED, Labels
 from radioloc.lunar import rot_pa_to_me

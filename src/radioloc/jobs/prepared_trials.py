@@ -28,7 +28,7 @@ from radioloc.jobs.linear_trials import (
     true_values,
 )
 from radioloc.jobs.locate import solve
-from radioloc.jobs.preparation import build_model, planned_arc
+from radioloc.jobs.preparation import build_model, planned_arc, usability
 from radioloc.jobs.problem import (
     ArcPart,
     EstimationProblem,
@@ -38,7 +38,6 @@ from radioloc.jobs.problem import (
 )
 from radioloc.jobs.simulate import build_scenario, names_in_scenario, planned_orbits
 from radioloc.jobs.study_targets import position_in_pa
-from radioloc.jobs.usability import usability
 from radioloc.labels import USED, Labels
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.registry import KINDS

@@ -117,7 +117,7 @@ def _recorded(path: Path) -> Mapping[str, Any]:
     for folder in (path.parent, path.parent.parent):
         if (folder / INCOMPLETE).is_file():
             raise InputError(f"{path}: {folder / INCOMPLETE} marks a folder that was not written completely")
-    content = read_recorded(path, require_consistency=False)
+    content = read_recorded(path)
     if path.name == "arcs.json" or "positions" in content:
         raise InputError(
             f"{path}: expected a solution.json, got an arcs.json; give that in the folder of one arc"

@@ -15,7 +15,6 @@ import numpy as np
 
 from radioloc.constants import LUNAR_HEIGHT_LIMITS_M
 from radioloc.errors import InputError, error_context, legible
-from radioloc.lunar.selenographic import selenographic_to_cartesian
 from radioloc.text_files import json_file
 from radioloc.time import epochs_from_strings
 
@@ -25,13 +24,11 @@ Check = Callable[[Any, str], None]
 MAX_COORDINATE_M = 1e12
 """Largest accepted coordinate or sigma of a position; fits that fail can end far from the Moon."""
 
-_COORDINATE_TOLERANCE_M = 1.0  # between geographic and Cartesian coordinates of one position
-_SIGMA_TOLERANCE = 1e-6  # relative, between a sigma and the square root of its variance
 _MAX_SHOWN = 60  # characters of a wrong value
 
 
-def read_recorded(path: str | Path, *, require_consistency: bool = True) -> Mapping[str, Any]:
-    """Read and check a ``solution.json`` or an ``arcs.json``, by default also the agreement of its numbers."""
+def read_recorded(path: str | Path) -> Mapping[str, Any]:
+    """Read and check a ``solution.json`` or an ``arcs.json``."""
     problem = "is neither a solution.json nor an arcs.json of this version of radioloc; make it again"
     with json_file(path, problem) as content:
         if not isinstance(content, Mapping):
@@ -40,15 +37,15 @@ def read_recorded(path: str | Path, *, require_consistency: bool = True) -> Mapp
         solutions = [arc["solution"] for arc in content["arcs"]] if "positions" in content else [content]
         if not solutions:
             _fail("arcs", "at least one item", [])
-        for solution in solutions if require_consistency else ():
-            _require_consistency(solution)
+        for solution in solutions:
+            _require_complete(solution)
     return dict(content)
 
 
 def check_solution(content: Mapping[str, Any]) -> None:
     """Check the content of a ``solution.json``; an InputError names the key of a wrong value."""
     _check(_SOLUTION, content, "")
-    _require_consistency(content)
+    _require_complete(content)
 
 
 def _fail(place: str, expected: str, value: Any) -> NoReturn:
@@ -124,34 +121,20 @@ def _utc(value: Any, place: str) -> None:
         _fail(place, "a date such as 2020-12-01T15:11:00", value)
 
 
-def _require_consistency(value: Mapping[str, Any]) -> None:
-    """Require that numbers stated twice agree, for each of several targets too."""
+def _require_complete(value: Mapping[str, Any]) -> None:
+    """Require what belongs to a position, for each of several targets too."""
     for name, target in value.get("targets", {}).items():
         with error_context(f"targets.{legible(str(name))}:"):
-            _require_consistency({**value, **target, "targets": {}})
+            _require_complete({**value, **target, "targets": {}})
     if value["position"] is None:
         return
     for key in ("sigma", "covariance"):
         if value[key] is None:
             _fail(key, "an object beside the position", None)
-    _require_spans_and_terrain(value)
-    me = value["position"]["me"]
-    place = (math.radians(me["longitude_deg"]), math.radians(me["latitude_deg"]), me["height_m"])
-    difference_m = selenographic_to_cartesian(*place) - [me[f"{axis}_m"] for axis in "xyz"]
-    if not np.linalg.norm(difference_m) <= _COORDINATE_TOLERANCE_M:
-        raise InputError(
-            f"position.me: longitude, latitude and height differ from x, y and z by "
-            f"{np.linalg.norm(difference_m):.3g} m; make the file again"
-        )
     covariance = np.array(value["covariance"]["enu_m2"], dtype=np.float64)
     if not np.allclose(covariance, covariance.T, rtol=1e-6, equal_nan=True):
         raise InputError("covariance.enu_m2: expected a symmetric matrix; make the file again")
-    for key, variance in zip(_SIGMAS, np.diag(covariance), strict=True):
-        sigma = value["sigma"][key]
-        if (sigma is None) != (not np.isfinite(variance)) or not (
-            sigma is None or abs(sigma**2 - variance) <= 2.0 * _SIGMA_TOLERANCE * max(sigma**2, variance)
-        ):
-            _fail(f"sigma.{key}", f"the square root of its variance, {variance:g} m^2", sigma)
+    _require_spans_and_terrain(value)
 
 
 def _require_spans_and_terrain(value: Mapping[str, Any]) -> None:

@@ -19,9 +19,8 @@ from radioloc.dynamics import Impulse
 from radioloc.errors import InputError
 from radioloc.jobs.one_thread import on_one_blas_thread
 from radioloc.jobs.orbit_start import StagedStart
-from radioloc.jobs.preparation import build_model, chosen_observations, prepared_arc
+from radioloc.jobs.preparation import build_model, chosen_observations, prepared_arc, usability
 from radioloc.jobs.problem import EstimationProblem
-from radioloc.jobs.usability import usability
 from radioloc.labels import USED
 from radioloc.lazy import optional
 from radioloc.measurements.observations import Observations

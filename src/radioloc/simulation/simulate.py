@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field, fields, replace
-from typing import Any, Protocol
+from dataclasses import dataclass, field, replace
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.dynamics import AdjustableOrbit, Orbit
+from radioloc.dynamics import AdjustableOrbit
 from radioloc.ephemeris.trajectory import AnyTrajectory
 from radioloc.errors import InputError
 from radioloc.lunar import rot_pa_to_me
@@ -80,15 +80,7 @@ class Simulated:
             self.observations.summary(),
             *(line for target in self.targets for line in _described(target, len(self.targets) > 1)),
             f"seed {self.seed}, {int(self.is_outlier.sum())} outlier(s)",
-            *(f"{name}: {_text(value)}" for name, value in _differences(self.truth)),
-            *(f"drawn {name}: {_text(value)}" for name, value in _errors_by_kind(self.drawn).items()),
-            f"noise of station arrivals (VLBI): {_text(self.noise.vlbi_station)}",
-            *(
-                [f"noise of the change of station arrivals (VLBI): {_text(self.noise.vlbi_station_rate)}"]
-                if "vlbi_delay_rate" in self.observations.types()
-                else []
-            ),
-            *(f"noise of {kind}: {_text(noise)}" for kind, noise in self.noise.link.items()),
+            *(f"drawn {name}: {error:.4g}" for name, error in self.drawn.items()),
         ]
         return "\n".join(lines)
 
@@ -339,50 +331,5 @@ def _described(target: TrueTarget, several: bool) -> Iterator[str]:
     if target.trajectory is None:
         x, y, z = target.position_pa_m.tolist()
         yield f"true position{of_target}, principal axes, m: {x:.4f} {y:.4f} {z:.4f}"
-        return
-    yield f"true trajectory{of_target}: {target.trajectory}"
-    if isinstance(target.trajectory, Orbit):
-        yield from _orbit_lines(target.trajectory)
-
-
-def _orbit_lines(orbit: Orbit) -> tuple[str, ...]:
-    """Return texts of the state and forces of a true orbit."""
-    thrusts = [item for item in orbit.forces.accelerations if item.normal is not None]
-    thrust_names = {name for item in thrusts for names in item.names() for name in names}
-    shown = {name: value for name, value in orbit.forces.parameters().items() if name not in thrust_names}
-    (x, y, z), (vx, vy, vz) = (part[0].tolist() for part in orbit.states(orbit.epoch))
-    field = orbit.forces.gravity
-    return (
-        f"true state at {utc_strings(orbit.epoch, 6)[0]} TDB, Moon-centred ICRF, m and m/s: "
-        f"{x:.4f} {y:.4f} {z:.4f} {vx:.7f} {vy:.7f} {vz:.7f}",
-        f"true forces: {field.name} to degree {field.degree}; {_text(shown)}",
-        *(f"true thrust {item.name}: {_text(item.constant_m_s2)} m/s2 along {item.axes}" for item in thrusts),
-    )
-
-
-def _differences(truth: Truth) -> list[tuple[str, Any]]:
-    """Return names and values of the settings of a truth."""
-    errors = [(PARAMETERS[name].value_key, choice.value) for name, choice in truth.values.items()]
-    settings = [(name, getattr(truth, name)) for name in ("terms_on", "terms_off", "clock_epoch_utc")]
-    return errors + [(name, value) for name, value in settings if value]
-
-
-def _errors_by_kind(drawn: Mapping[str, float]) -> dict[str, dict[str, float]]:
-    """Return errors by kind of parameter and by member, to four digits."""
-    kinds: dict[str, dict[str, float]] = {}
-    for name, error in drawn.items():
-        kind, _, member = name.partition(".")
-        kinds.setdefault(kind, {})[member or kind] = float(f"{error:.4g}")
-    return kinds
-
-
-def _text(value: Any) -> str:
-    """Return a short text of a record, a mapping or a number."""
-    if hasattr(value, "__dataclass_fields__"):
-        items = [(f.name, getattr(value, f.name)) for f in fields(value)]
-        return ", ".join(f"{name} {_text(v)}" for name, v in items if v not in (0.0, None)) or "none"
-    if isinstance(value, Mapping):
-        return "; ".join(f"{key} {_text(v)}" for key, v in value.items())
-    if isinstance(value, tuple):
-        return f"({', '.join(_text(v) for v in value)})"
-    return f"{value:.10g}" if isinstance(value, float) else str(value)
+    else:
+        yield f"true trajectory{of_target}: {target.trajectory}"

@@ -77,7 +77,7 @@ def test_errors_of_each_pass_are_drawn(lander, lander_pa_m, model):
         # The clock also shifts the time tag, by 1e-6 of the effect.
         expected_m = -C_M_S * simulated.drawn[f"clock.SESHAN25 {pass_number}"]
         np.testing.assert_allclose(clock_m[in_pass], expected_m, rtol=1e-5)
-    assert "drawn clock: SESHAN25 1 " in simulated.summary()
+    assert "drawn clock.SESHAN25 1: " in simulated.summary()
     np.testing.assert_array_equal(world.draw(seed=4).observations.value_m, world.value_m)
     with pytest.raises(InputError, match="clock_per needs clock_s"):
         TruthSigma(clock_per="pass")

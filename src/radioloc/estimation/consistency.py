@@ -49,7 +49,7 @@ _MAX_FINDING_COUNT = 3  # further findings are mostly consequences of the first
 _MAX_GROUP_COUNT = 200  # bounds the time for long arcs of many passes
 _MAX_ROUND_COUNT = 3  # of noise and most significant error, each computed from the other
 _MIN_SQUARED_CORRELATION = 1.0 - 1e-6  # of two columns that differ by rounding and light times
-_KINDS = ("a priori", "parameter", "offset", "jump")  # of errors, the more specific first
+_ERROR_KINDS = ("a priori", "parameter", "offset", "jump")  # of errors, the more specific first
 _log_p_value = attrgetter("log_p_value")
 
 
@@ -79,25 +79,25 @@ def assess_consistency(
     hypotheses: Hypotheses | None,
     epoch_utc: Epochs,
     enu_partials: Floats | None,
-    rejected: Sequence[ConsistencyTest] = (),
+    runs: Sequence[ConsistencyTest] = (),
     state_partials: Floats | None = None,
 ) -> Consistency:
     """Search for gross errors, and assess the smallest errors that the search detects (reliability).
 
     `enu_partials` (3, p) are those of the position, None for a moving target; `state_partials` those of the position in
-    an orbit, for its reliability; `rejected` the findings on runs of outliers. Without the search, a VLBI clock error
+    an orbit, for its reliability; `runs` the findings on runs of outliers. Without the search, a VLBI clock error
     of 5 ns or a station error of 50 m stays unreported (`tests/unit/jobs/test_consistency.py`).
     """
     if hypotheses is None:
-        return Consistency(findings=tuple(rejected))
+        return Consistency(findings=tuple(runs))
     problem = hypotheses.problem
-    search = _Search(hypotheses, epoch_utc, _in_problem_units(enu_partials, hypotheses))
+    search = _GrossErrorSearch(hypotheses, epoch_utc, _to_problem_units(enu_partials, hypotheses))
     group_tests = search.test_groups(problem)
     groups = tuple(map(search.record, group_tests))
 
     findings: list[_Candidate] = []
     while len(findings) < _MAX_FINDING_COUNT:
-        finding = search.most_significant(problem, group_tests)
+        finding = search.find_most_significant(problem, group_tests)
         if finding is None or finding.log_p_value >= _LOG_SIGNIFICANCE_LEVEL:
             break
         findings.append(finding)
@@ -114,22 +114,22 @@ def assess_consistency(
         hypotheses.problem.with_noise_of(problem) if findings else problem,
         hypotheses.continuous,
         log_levels,
-        _in_problem_units(enu_partials if state_partials is None else state_partials, hypotheses),
+        _to_problem_units(enu_partials if state_partials is None else state_partials, hypotheses),
     )
     if findings and all(map(search.is_rejected_series, findings)):
-        return Consistency(groups, tuple(rejected), None, reliability)  # the rejection corrects the error
+        return Consistency(groups, tuple(runs), None, reliability)  # the rejection corrects the error
     explained_runs = {
         search.run_key(rows)
         for rows in hypotheses.readmitted
         if findings and not search.is_run_significant(problem, rows)
     }
-    runs = (item for item in rejected if (item.name, item.first_utc) not in explained_runs)
+    other_runs = (item for item in runs if (item.name, item.first_utc) not in explained_runs)
     records = tuple(search.joint_records(findings, problem))
     adapted = adapted_estimate(problem, hypotheses.fit) if records else None
-    return Consistency(groups, (*records, *runs), adapted, reliability)
+    return Consistency(groups, (*records, *other_runs), adapted, reliability)
 
 
-def rejected_runs(
+def run_findings(
     edited: EditedFit,
     order: SeriesOrder,
     runs: Iterable[Rows],
@@ -156,17 +156,8 @@ def rejected_runs(
         )
 
 
-def _in_problem_units(partials: Floats | None, hypotheses: Hypotheses) -> Floats | None:
-    """Transform partials (3, p) to the first parameters of the binned problem, (3, w)."""
-    if partials is None:
-        return None
-    parameters, (units, width) = hypotheses.fit.parameters, hypotheses.units
-    estimated = parameters.free & ~parameters.considered
-    return partials[:, np.flatnonzero(estimated)] @ units[estimated[parameters.free], :width]
-
-
 @dataclass(frozen=True, slots=True, eq=False)
-class _Search:
+class _GrossErrorSearch:
     """Tests of the groups and hypotheses of a fit."""
 
     hypotheses: Hypotheses
@@ -174,18 +165,13 @@ class _Search:
     enu_partials: Floats | None  # (3, w), with respect to the first parameters of the binned problem
 
     def test_groups(self, problem: BinnedProblem) -> list[_Candidate]:
-        """Test the removal of each link, type, station and pass of a station."""
-        groups, candidates = self.groups(problem), []
-        for kind, name, links, span_s in groups:
-            columns = problem.removal(links, span_s or (-np.inf, np.inf))
-            group = Hypothesis(Family.GROUP, kind, name, columns, np.zeros(0), "", links=links, span_s=span_s)
-            score_test = problem.test(columns, links, scaled=True)
-            if score_test is not None:
-                candidates.append(_candidate(group, score_test, len(groups)))
-        return candidates
+        """Test the removal of each group."""
+        groups = self.list_groups(problem)
+        tests = ((group, problem.test(group.columns, group.links, scaled=True)) for group in groups)
+        return [_candidate(group, test, len(groups)) for group, test in tests if test is not None]
 
-    def groups(self, problem: BinnedProblem) -> list[tuple[str, str, Links, Span]]:
-        """Return kind, name, links and interval of the groups that leave observations of others."""
+    def list_groups(self, problem: BinnedProblem) -> list[Hypothesis]:
+        """Return each link, type, station and pass of a station whose removal leaves other observations."""
         order, codes = self.hypotheses.order, self.hypotheses.codes
         group_links: dict[tuple[str, str], Links] = {
             ("link", order.series[code].name): {code: 1.0} for code in codes
@@ -193,13 +179,21 @@ class _Search:
         for code in codes:
             group_links.setdefault(("type", order.series[code].kind), {})[code] = 1.0
         group_links |= {("station", name): links for name, links in order.of_stations(codes).items()}
-        groups: list[tuple[str, str, Links, Span]] = []
+        groups: list[Hypothesis] = []
+
+        def add(kind: str, name: str, links: Links, span_s: Span = None) -> None:
+            columns = problem.removal(links, span_s or (-np.inf, np.inf))
+            sigmas = np.zeros(0)
+            group = Hypothesis(Family.GROUP, kind, name, columns, sigmas, "", links=links, span_s=span_s)
+            groups.append(group)
+
         for (kind, name), links in group_links.items():
             spans = passes(problem, links) if kind == "station" else []
             if 1 < len(spans) < _MAX_GROUP_COUNT - len(groups):
-                groups += [("pass", name, links, span_s) for span_s in spans]
+                for span_s in spans:
+                    add("pass", name, links, span_s)
             if len(links) < len(codes):
-                groups.append((kind, name, links, None))
+                add(kind, name, links)
         return groups
 
     def test_hypotheses(
@@ -226,7 +220,9 @@ class _Search:
                 candidates.append(_candidate(item, score_test, counts[item.family], indices))
         return products, candidates
 
-    def most_significant(self, problem: BinnedProblem, group_tests: list[_Candidate]) -> _Candidate | None:
+    def find_most_significant(
+        self, problem: BinnedProblem, group_tests: list[_Candidate]
+    ) -> _Candidate | None:
         """Return the most significant error or group, with alternatives that the data cannot exclude."""
         _, candidates = self.test_hypotheses(problem)
         initial = min([*candidates, *group_tests], key=_log_p_value, default=None)
@@ -334,6 +330,15 @@ class _Search:
         return str(first_utc), "" if math.isinf(end_s) else str(last_utc)
 
 
+def _to_problem_units(partials: Floats | None, hypotheses: Hypotheses) -> Floats | None:
+    """Transform partials (3, p) to the first parameters of the binned problem, (3, w)."""
+    if partials is None:
+        return None
+    parameters, (units, width) = hypotheses.fit.parameters, hypotheses.units
+    estimated = parameters.free & ~parameters.considered
+    return partials[:, np.flatnonzero(estimated)] @ units[estimated[parameters.free], :width]
+
+
 def _step_index(values: Floats) -> int:
     """Return the index of the first value after the step that fits values (n,) best."""
     n, sums, counts = len(values), np.cumsum(values), np.arange(1, len(values))
@@ -375,12 +380,12 @@ def _has_specific_equivalent(
         return False
     [column] = candidate.indices
     hypothesis = candidate.hypothesis
-    rank, owner = _KINDS.index(hypothesis.kind), hypothesis.name.partition(".")[2]
+    rank, owner = _ERROR_KINDS.index(hypothesis.kind), hypothesis.name.partition(".")[2]
     specific = []
     for item in candidates:
         kind, other_owner = item.hypothesis.kind, item.hypothesis.name.partition(".")[2]
         same_owner = kind == hypothesis.kind == "parameter" and other_owner == owner
-        precedes = _KINDS.index(kind) < rank or (same_owner and item.indices < candidate.indices)
+        precedes = _ERROR_KINDS.index(kind) < rank or (same_owner and item.indices < candidate.indices)
         precedes |= owner == ALL and not item.hypothesis.name.endswith(ALL)
         if len(item.indices) == 1 and precedes:
             specific.append(item.indices[0])

@@ -201,7 +201,7 @@ def fit_least_squares(
         check_partials(linearization, mask, parameters)
         raise InputError("the whitened partials overflow at the start; check the sigmas")
     initial = _Iterate(x, linearization, factor, solver.sum_of_squares(linearization, x))
-    iterate, status, iterations = solver.solve(initial)
+    iterate, status = solver.solve(initial)
     factor, linearization = iterate.factor, iterate.linearization
     if not factor.determined.all() and status is FitStatus.CONVERGED:
         status = FitStatus.UNOBSERVABLE
@@ -227,7 +227,7 @@ def fit_least_squares(
         chi2=chi2,
         dof=solver.used_count + prior_count - int(factor.determined.sum()),
         status=status,
-        iterations=iterations,
+        iterations=iterate.step_count,
         factor=factor,
         whitening=solver.whitening,
         time_correlation=None if process is None else TimeCorrelation((), np.zeros((len(x),) * 2), {}),
@@ -243,6 +243,7 @@ class _Iterate:
     linearization: Linearization
     factor: Factor  # at x, or at the preceding iterate
     sum_of_squares: float
+    step_count: int = 0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -254,33 +255,32 @@ class _GaussNewton:
     whitening: Whitener
     used_count: int
 
-    def solve(self, iterate: _Iterate) -> tuple[_Iterate, FitStatus, int]:
-        """Iterate to convergence; return the last iterate, the status and the number of steps."""
+    def solve(self, iterate: _Iterate) -> tuple[_Iterate, FitStatus]:
+        """Iterate to convergence; return the last iterate and the status."""
         if not self.parameters.free.any():
-            return iterate, FitStatus.CONVERGED, 0
+            return iterate, FitStatus.CONVERGED
         if isinstance(iterate.linearization, OrthonormalLinearization):  # a linear problem needs one step
             solution = self.step(iterate, 0.0)
             solved = replace(iterate.factor, right_side=np.zeros_like(iterate.factor.right_side))
-            return replace(solution, factor=solved), FitStatus.CONVERGED, 1
+            return replace(solution, factor=solved), FitStatus.CONVERGED
         damping, previous_length = 0.0, math.inf
-        for count in range(_MAX_ITERATIONS):
-            length, tolerance = iterate.factor.step_sigmas, self.tolerance(iterate)
-            if count and length < _MIN_STEP_TOLERANCES * tolerance:
-                return iterate, FitStatus.CONVERGED, count
-            if 0.5 * previous_length < length < _MAX_ROUNDING_STEP_TOLERANCES * tolerance:
-                return iterate, FitStatus.CONVERGED, count
-            previous_length = length
+        while iterate.step_count < _MAX_ITERATIONS:
+            length, tolerance = iterate.factor.step_sigmas, self.step_tolerance(iterate)
+            is_negligible = iterate.step_count > 0 and length < _MIN_STEP_TOLERANCES * tolerance
+            is_rounding = 0.5 * previous_length < length < _MAX_ROUNDING_STEP_TOLERANCES * tolerance
+            if is_negligible or is_rounding:
+                return iterate, FitStatus.CONVERGED
             descent = self.descend(iterate, damping)
             if descent is None:
                 # The sum of squares is at its minimum to rounding, or the partials are wrong.
                 at_minimum = length <= max(_SHORT_STEP_SIGMAS, 1e-3 * np.sqrt(iterate.sum_of_squares))
-                return iterate, FitStatus.CONVERGED if at_minimum else FitStatus.DIVERGED, count
-            min_damping = iterate.factor.least_damping
+                return iterate, FitStatus.CONVERGED if at_minimum else FitStatus.DIVERGED
+            previous_length, min_damping = length, iterate.factor.least_damping
             iterate, damping = descent
             damping = 0.0 if damping <= min_damping else damping / 3.0
             if length < tolerance:
-                return iterate, FitStatus.CONVERGED, count + 1
-        return iterate, FitStatus.MAX_ITERATIONS, _MAX_ITERATIONS
+                return iterate, FitStatus.CONVERGED
+        return iterate, FitStatus.MAX_ITERATIONS
 
     def descend(self, iterate: _Iterate, damping: float) -> tuple[_Iterate, float] | None:
         """Increase the damping until a step lowers the sum of squares; None if no step does.
@@ -292,15 +292,13 @@ class _GaussNewton:
             trial = self.step(iterate, damping)
             # So short a step changes the sum of squares by less than its rounding, and the partials by less than
             # 1e-6: it is accepted without a test and another factorization.
-            if length < self.tolerance(iterate):
+            if length < self.step_tolerance(iterate):
                 return trial, damping
             is_short = damping == 0.0 and length <= _SHORT_STEP_SIGMAS
             rounding = is_short * _RELATIVE_ROUNDING * np.sqrt(iterate.sum_of_squares)
-            if (
-                np.isfinite(trial.sum_of_squares)
-                and trial.sum_of_squares <= iterate.sum_of_squares + rounding
-            ):
-                accepted = self.factorized(trial, iterate.x)
+            bound = iterate.sum_of_squares + rounding
+            if np.isfinite(trial.sum_of_squares) and trial.sum_of_squares <= bound:
+                accepted = self.update_factor(trial, iterate.x)
                 if accepted is not None:
                     return accepted, damping
             damping = 3.0 * damping if damping > 0.0 else factor.least_damping
@@ -311,19 +309,20 @@ class _GaussNewton:
         x = iterate.x.copy()
         x[self.parameters.free] += iterate.factor.step(damping)
         linearization = evaluate_step(self.residual_function, x, iterate.linearization)
-        return _Iterate(x, linearization, iterate.factor, self.sum_of_squares(linearization, x))
+        sum_of_squares = self.sum_of_squares(linearization, x)
+        return _Iterate(x, linearization, iterate.factor, sum_of_squares, iterate.step_count + 1)
 
-    def factorized(self, trial: _Iterate, previous_x: Floats) -> _Iterate | None:
+    def update_factor(self, trial: _Iterate, previous_x: Floats) -> _Iterate | None:
         """Factorize at a new iterate, or only renew the right side if the fit is about to converge."""
         problem = trial.linearization, self.whitening, self.parameters, trial.x
         if (np.abs(trial.x - previous_x) / self.parameters.scales).max() <= _MAX_FACTOR_REUSE_SCALES:
             factor = refreshed(trial.factor, *problem)
-            if factor.step_sigmas < self.tolerance(trial):
+            if factor.step_sigmas < self.step_tolerance(trial):
                 return replace(trial, factor=factor)
         new_factor = factorize(*problem)
         return None if new_factor is None else replace(trial, factor=new_factor)
 
-    def tolerance(self, iterate: _Iterate) -> float:
+    def step_tolerance(self, iterate: _Iterate) -> float:
         """Step length at convergence, in formal standard deviations."""
         reduced_chi2 = iterate.sum_of_squares / max(1, self.used_count)
         return _STEP_TOLERANCE * max(1.0, float(np.sqrt(reduced_chi2)))

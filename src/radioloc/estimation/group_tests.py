@@ -32,6 +32,7 @@ from radioloc.vectors import Floats
 
 # Smallest fraction of a column outside the span of the design matrix; less is rounding.
 _MIN_SQUARE_FRACTION = 1e-6
+_MIN_PIVOT = 1e-5  # of a Cholesky factor of unit diagonal; with smaller ones the inverse loses digits
 _BATCH_POINTS, _MIN_BATCHES = 10, 5  # batches whose sums show whether residuals are still correlated
 _MEDIAN_CHI2_1 = 0.4549  # median of chi-square with one degree of freedom
 _MIN_VARIANCE_OBSERVATIONS = 20  # observations that determine the variance of a series
@@ -258,7 +259,8 @@ class BinnedProblem:
             z[part, nonzero] = root @ columns[part, nonzero]
         products = np.asarray(csr_array(columns).T @ self.weighted)
         with_partials = products[:, 1:]
-        score, gain = products[:, 0] - with_partials @ self.estimate, self.inverse @ with_partials.T
+        score = products[:, 0] - with_partials @ self.estimate
+        gain = np.asarray(csr_array(with_partials) @ self.inverse).T  # few parameters act on most columns
         return ScoreProducts(self, z, score, with_partials, np.linalg.norm(z, axis=0), gain)
 
     def inflation(self, links: Mapping[int, float], shift: Floats, effect: Floats) -> float:
@@ -406,11 +408,17 @@ def estimate_change(fitted: BinnedProblem, changed: BinnedProblem) -> tuple[Floa
 def _scaled_inverse(normal: Floats) -> Floats:
     """Inverse of a normal matrix scaled to unit diagonal, so that the size of a column does not make it dependent."""
     from scipy.linalg import pinvh
+    from scipy.linalg.lapack import dpotrf, dpotri
 
     diagonal = np.sqrt(np.diag(normal))
     scale = np.divide(1.0, diagonal, out=np.zeros_like(diagonal), where=diagonal > 0.0)
-    # The eigenvectors of numpy, by divide and conquer, fail for some well-conditioned matrices of this form.
-    return scale[:, None] * np.asarray(pinvh(scale[:, None] * normal * scale, rtol=1e-15)) * scale
+    scaled = scale[:, None] * normal * scale
+    factor, failure = dpotrf(scaled)
+    if failure or np.diag(factor).min(initial=1.0) < _MIN_PIVOT:
+        # The eigenvectors of numpy, by divide and conquer, fail for some well-conditioned matrices of this form.
+        return scale[:, None] * np.asarray(pinvh(scaled, rtol=1e-15)) * scale
+    upper = np.triu(dpotri(factor)[0])
+    return np.asarray(scale[:, None] * (upper + np.triu(upper, 1).T) * scale)
 
 
 def noise_of_each(points: Points) -> dict[str, SeriesNoise]:

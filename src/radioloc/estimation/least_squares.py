@@ -288,7 +288,7 @@ class _GaussNewton:
         Undamped steps overshoot to positions without a model (`tests/unit/estimation/test_least_squares.py`).
         """
         factor, length = iterate.factor, iterate.factor.step_sigmas
-        while damping <= _MAX_DAMPING * factor.singular_values[0]:
+        while damping == 0.0 or damping <= _MAX_DAMPING * factor.singular_values[0]:
             trial = self.step(iterate, damping)
             # So short a step changes the sum of squares by less than its rounding, and the partials by less than
             # 1e-6: it is accepted without a test and another factorization.

@@ -3,15 +3,17 @@
 Partials of millions of observations by a dozen parameters are gigabytes. They are therefore never all there: a fit
 asks for those of some ten thousand rows, reduces them to a triangle and asks for the next. The whitened partials, the
 a-priori rows and the right side are reduced by Householder reflections (Bierman 1977, chapters IV and V; Lawson and
-Hanson 1974) and the triangle is solved by its singular values, so the condition number is never squared by normal
-equations. Rows are reduced some hundred at a time, and the triangles of these again (Demmel et al. 2012): they stay in
-the processor's cache.
+Hanson 1974) and the triangle is solved by its inverse or its singular values, so the condition number is never squared
+by normal equations. Rows are reduced some hundred at a time, and the triangles of these again (Demmel et al. 2012):
+they stay in the processor's cache.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
@@ -136,22 +138,59 @@ class WhitenedPartials:
         return (times(part, from_coordinates) for part in self.parts)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Factor:
-    """Whitened linear problem reduced to its singular values, columns scaled to length one by ``column_norms``."""
+    """Whitened linear problem reduced to a triangle, columns scaled to length one by ``column_norms``.
+
+    The inverse of the triangle solves a problem whose parameters are all determined; the singular value decomposition
+    gives the determined directions of the others, and damped steps.
+    """
 
     # (q,), length of each whitened column with its a-priori row; 1/scale for a column of zeros
     column_norms: Floats
-    singular_values: Floats  # (q,), of the matrix with columns of length one, descending
-    vectors: Floats  # (q, q), right singular vectors in columns
-    right_side: Floats  # (q,), whitened residuals in the singular basis
-    determined: NDArray[np.bool_]  # (q,), which singular directions the data and the a-priori rows determine
+    triangle: Floats  # (q, q)
+    right_side: Floats  # (q,), whitened residuals in the rows of the triangle
+    scales: Floats  # (q,), of the parameters
     whitened: WhitenedPartials | None = None  # where there is room for them
+
+    @cached_property
+    def _inverse(self) -> Floats | None:
+        """Inverse of the triangle; None unless its Frobenius norm shows that all directions are determined."""
+        from scipy.linalg.lapack import dtrtri
+
+        inverse, failure = dtrtri(self.triangle)
+        if failure or not np.linalg.norm(inverse) * _RANK_TOLERANCE * math.sqrt(len(inverse)) < 1.0:
+            return None
+        sigmas = np.linalg.norm(inverse / (self.column_norms * self.scales)[:, None])
+        return np.asarray(inverse) if sigmas < _MAX_SIGMA else None
+
+    @cached_property
+    def _decomposition(self) -> tuple[Floats, Floats, Floats, NDArray[np.bool_]]:
+        """Left vectors (q, q), singular values (q,), right vectors (q, q) and which of them are determined."""
+        left_vectors, s, right = np.linalg.svd(self.triangle)
+        sizes = np.linalg.norm(right / self.column_norms / self.scales, axis=1)
+        determined = (s > _RANK_TOLERANCE * s.max(initial=0.0)) & (s * _MAX_SIGMA > sizes)
+        return left_vectors, s, right.T, determined
+
+    @cached_property
+    def singular_values(self) -> Floats:
+        """Singular values of the matrix with columns of length one, descending, shape (q,)."""
+        if self._inverse is None:
+            return self._decomposition[1]
+        return np.asarray(np.linalg.svd(self.triangle, compute_uv=False), dtype=np.float64)
+
+    @property
+    def determined(self) -> NDArray[np.bool_]:
+        """Mask of the singular directions that the data and the a-priori rows determine, shape (q,)."""
+        return self._decomposition[3] if self._inverse is None else np.ones(len(self.triangle), dtype=bool)
 
     @property
     def step_sigmas(self) -> float:
         """Length of the undamped step in formal standard deviations."""
-        return float(np.linalg.norm(self.right_side[self.determined]))
+        if self._inverse is not None:
+            return float(np.linalg.norm(self.right_side))
+        left_vectors, *_, determined = self._decomposition
+        return float(np.linalg.norm(left_vectors[:, determined].T @ self.right_side))
 
     @property
     def least_damping(self) -> float:
@@ -160,25 +199,45 @@ class Factor:
 
     def step(self, damping: float) -> Floats:
         """Damped change of the free parameters along determined directions, shape (q,)."""
-        s = self.singular_values[self.determined]
-        components = s * self.right_side[self.determined] / (s**2 + damping**2)
-        return (self.vectors[:, self.determined] @ components) / self.column_norms
+        if damping == 0.0 and self._inverse is not None:
+            return (self._inverse @ self.right_side) / self.column_norms
+        left_vectors, s, vectors, determined = self._decomposition
+        s = s[determined]
+        components = s * (left_vectors[:, determined].T @ self.right_side) / (s**2 + damping**2)
+        return (vectors[:, determined] @ components) / self.column_norms
 
     def root_covariance(self) -> Floats:
         """Square root of the covariance of the determined directions, shape (q, r)."""
-        root: Floats = self.vectors[:, self.determined] / self.singular_values[self.determined]
+        root = self._inverse
+        if root is None:
+            _, s, vectors, determined = self._decomposition
+            root = vectors[:, determined] / s[determined]
         return root / self.column_norms[:, None]
+
+    def inverse_root(self) -> Floats:
+        """Inverse of the root of a covariance whose directions are all determined, shape (q, q)."""
+        if self._inverse is not None:
+            return self.triangle * self.column_norms
+        _, s, vectors, _ = self._decomposition
+        return s[:, None] * vectors.T * self.column_norms
 
     def undetermined_directions(self) -> Floats:
         """Undetermined directions in parameter units, one per row, shape (q - r, q)."""
-        directions: Floats = self.vectors[:, ~self.determined].T / self.column_norms
-        return directions
+        if self._inverse is not None:
+            return np.zeros((0, len(self.triangle)))
+        _, _, vectors, determined = self._decomposition
+        return vectors[:, ~determined].T / self.column_norms
+
+    def with_gradient(self, gradient: Floats) -> Factor:
+        """Return the factor with the right side of a gradient A^T r with respect to the free parameters, (q,)."""
+        root = self.root_covariance()
+        return replace(self, right_side=self.triangle @ (self.column_norms * (root @ (root.T @ gradient))))
 
 
 def factorize(
     linearization: Linearization, whitening: Whitener, parameters: ParameterSet, x: Floats
 ) -> Factor | None:
-    """Reduce a linearized problem with its a-priori rows to singular values; None if it is not finite."""
+    """Reduce a linearized problem with its a-priori rows to a triangle; None if it is not finite."""
     free = np.flatnonzero(parameters.free)
     q = len(free)
     with_prior = np.flatnonzero(np.isfinite(parameters.prior_sigmas[free]))
@@ -218,10 +277,7 @@ def factorize(
     scales = parameters.scales[free]
     norms = np.linalg.norm(matrix, axis=0)
     norms = np.where(norms > 0.0, norms, 1.0 / scales)
-    left_vectors, s, right = np.linalg.svd(matrix / norms)
-    sizes = np.linalg.norm(right / norms / scales, axis=1)
-    determined = (s > _RANK_TOLERANCE * s.max(initial=0.0)) & (s * _MAX_SIGMA > sizes)
-    return Factor(norms, s, right.T, left_vectors.T @ right_side, determined, whitened_partials)
+    return Factor(norms, matrix / norms, right_side, scales, whitened_partials)
 
 
 def _whitened_rows(linearization: Linearization, whitening: Whitener, free: Rows) -> Iterator[Floats]:
@@ -344,10 +400,7 @@ def refreshed(
     for rows in _whitened_rows(linearization, whitening, free):
         # Summed by numpy itself: the result does not depend on the number of threads
         gradient += np.einsum("nq,n->q", rows, rows[:, -1])
-    projection = factor.vectors.T @ (gradient[:-1] / factor.column_norms)
-    s = factor.singular_values
-    right_side = np.divide(projection, s, out=np.zeros_like(projection), where=factor.determined)
-    return replace(factor, right_side=right_side)
+    return factor.with_gradient(gradient[:-1])
 
 
 def reduced(triangle: Floats, rows: Floats) -> Floats:

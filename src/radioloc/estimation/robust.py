@@ -186,7 +186,7 @@ def linear_problem(
         return None
     to_free = factor.root_covariance()
     basis = times(partials[:, parameters.free], to_free)
-    from_free = factor.singular_values[:, None] * factor.vectors.T * factor.column_norms
+    from_free = factor.inverse_root()
     start_rows = sample(dense, noise.sigma_m, usable, parameters, _MAX_REPEATED_ROWS)
     return LinearProblem(partials, x, basis, from_free, to_free, start_rows)
 

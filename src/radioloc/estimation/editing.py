@@ -126,66 +126,73 @@ def fit_with_editing(
     n = len(linearization.residual_m)
     noise = ObservationCovariance.from_sigma(sigma_m, n)
     initial_status = _initial_labels(status, n)
-    usable = initial_status.are(USED)
-    usable_count = int(usable.sum())
-    # A parameter with a-priori information needs no observation.
-    free_count = int((parameters.free & np.isinf(parameters.prior_sigmas)).sum())
-
-    def fit(used: NDArray[np.bool_], x: Floats, linearization: Linearization) -> FitResult:
-        return fit_least_squares(
-            residual_function, parameters, noise, used=used, start=x, linearization=linearization
-        )
-
-    def spread(residual_m: Floats) -> float:
-        return robust_scale(residual_m[usable] / noise.sigma_m[usable], free_count)
-
-    # An outlier is detectable only if the other observations are redundant.
-    max_rejected = min(int(_MAX_REJECTED_FRACTION * usable_count), usable_count - free_count - 1)
-    if threshold is None or max_rejected < 1:
-        result = fit(usable, x, linearization)
-        return EditedFit(result, initial_status, spread(result.residual_m))
+    editor = _Editor(residual_function, parameters, noise, initial_status.are(USED))
+    if threshold is None or editor.max_rejected < 1:
+        result = editor.fit(editor.usable, x, linearization)
+        return EditedFit(result, initial_status, editor.spread(result.residual_m))
 
     process = getattr(linearization, "process", None)
+    residual_m = linearization.residual_m
     if previous is not None:
         residual_m = previous.fit.residual_m
     elif process is not None:  # an orbit starts near the estimate
-        residual_m = linearization.residual_m - process.effects_m(process.reference)
+        residual_m = residual_m - process.effects_m(process.reference)
     else:
         x, linearization = robust_start(
-            residual_function, parameters, noise.sigma_m, usable, linearization, x
+            residual_function, parameters, noise.sigma_m, editor.usable, linearization, x
         )
         residual_m = linearization.residual_m
-    scale = spread(residual_m)
     last_fit = None if previous is None else previous.fit
-    selections: list[NDArray[np.bool_]] = []
+    scale, selections = editor.spread(residual_m), list[NDArray[np.bool_]]()
     while True:
         limit_m = threshold * max(1.0, scale) * noise.sigma_m
-        if (
-            last_fit is not None and process is None
-        ):  # the partials do not contain the leverage of process noise
-            limit_m = _studentized_limits(last_fit, residual_m, limit_m, usable)
-        used = usable & (np.abs(residual_m) <= limit_m)
+        if last_fit is not None and process is None:  # leverages of process noise are not in the partials
+            limit_m = _studentized_limits(last_fit, residual_m, limit_m, editor.usable)
+        used = editor.usable & (np.abs(residual_m) <= limit_m)
         if selections and np.array_equal(used, selections[-1]):
             return EditedFit(result, initial_status, scale, len(selections))
-        selection = _break_rejection_cycle(used, selections)
-        rejected_count = usable_count - int(selection.used.sum())
-        if rejected_count > max_rejected:
-            message = (
-                f"{rejected_count} of {usable_count} observations exceed {threshold:g} sigmas, more than the limit of "
-                f"{max_rejected}, so none is rejected: check stations, sigmas and model"
-            )
-            selection = _Selection(usable, message, complete=False)
-        elif len(selections) >= _MAX_PASSES:
-            message = f"the editing did not settle in {_MAX_PASSES} passes"
-            selection = _Selection(selection.used, message, complete=False)
-        last_fit = result = fit(selection.used, x, linearization)
-        scale = spread(result.residual_m)
+        selection = editor.check(_break_rejection_cycle(used, selections), len(selections), threshold)
         selections.append(selection.used)
-        if selection.message or result.status in (FitStatus.DIVERGED, FitStatus.MAX_ITERATIONS):
-            return EditedFit(
-                result, initial_status, scale, len(selections), selection.complete, selection.message
-            )
+        last_fit = result = editor.fit(selection.used, x, linearization)
         x, linearization, residual_m = result.x, result.linearization, result.residual_m
+        scale = editor.spread(residual_m)
+        if selection.message or result.status in (FitStatus.DIVERGED, FitStatus.MAX_ITERATIONS):
+            passes, message = len(selections), selection.message
+            return EditedFit(result, initial_status, scale, passes, selection.complete, message)
+
+
+def with_reasons(status: Labels, reasons: Mapping[int, str]) -> Labels:
+    """Return labels with other texts in some rows."""
+    codes = status.codes.copy()
+    codes[list(reasons)] = len(status.texts) + np.arange(len(reasons))
+    return Labels.coded((*status.texts, *reasons.values()), codes)
+
+
+def outlier_reason(residual_m: float, expected_m: float) -> str:
+    """Return a rejection by size in words, such as "outlier: 19.021 m is 612 times its expected 0.031 m"."""
+    ratio = abs(residual_m) / expected_m
+    times = f"{ratio:.0f}" if ratio >= 100.0 else f"{ratio:.3g}"
+    return f"outlier: {_format_length(abs(residual_m))} m is {times} times its expected {_format_length(expected_m)} m"
+
+
+def outlier_runs(edited: EditedFit, order: SeriesOrder) -> list[Rows]:
+    """Find runs of outliers: successive rows of a series, in order of time, with residuals of one sign."""
+    rows = order.order[edited.initial_status.are(USED)[order.order]]
+    outlier = edited.outliers[rows]
+    is_first = changed(order.code[rows], np.where(outlier, np.sign(edited.fit.residual_m[rows]), 0.0))
+    runs = np.split(np.arange(len(rows)), np.flatnonzero(is_first)[1:])
+    return [rows[run] for run in runs if len(run) >= _MIN_RUN_COUNT and outlier[run[0]]]
+
+
+def run_reasons(edited: EditedFit, runs: Iterable[Rows]) -> dict[int, str]:
+    """Return the reason, by row, for the rejection of each observation of runs of outliers."""
+    reasons = dict[int, str]()
+    for rows in runs:
+        mean_m = float(edited.fit.residual_m[rows].mean())
+        sign = "-" if mean_m < 0.0 else "+"
+        text = f"outlier, one of {len(rows)} in succession, {sign}{_format_length(abs(mean_m))} m in the mean"
+        reasons |= dict.fromkeys(rows.tolist(), text)
+    return reasons
 
 
 class _Selection(NamedTuple):
@@ -194,6 +201,57 @@ class _Selection(NamedTuple):
     used: NDArray[np.bool_]
     message: str = ""
     complete: bool = True
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Editor:
+    """Problem whose observations are selected."""
+
+    residual_function: ResidualFunction
+    parameters: ParameterSet
+    noise: ObservationCovariance
+    usable: NDArray[np.bool_]  # (n,), mask of the observations that may be used
+
+    @property
+    def free_count(self) -> int:
+        """Number of parameters that need an observation, as they have no a-priori information."""
+        return int((self.parameters.free & np.isinf(self.parameters.prior_sigmas)).sum())
+
+    @property
+    def max_rejected(self) -> int:
+        """Largest number of outliers; they are detectable only if the other observations are redundant."""
+        usable_count = int(self.usable.sum())
+        return min(int(_MAX_REJECTED_FRACTION * usable_count), usable_count - self.free_count - 1)
+
+    def fit(self, used: NDArray[np.bool_], x: Floats, linearization: Linearization) -> FitResult:
+        """Estimate the parameters from the used observations."""
+        return fit_least_squares(
+            self.residual_function,
+            self.parameters,
+            self.noise,
+            used=used,
+            start=x,
+            linearization=linearization,
+        )
+
+    def spread(self, residual_m: Floats) -> float:
+        """Median spread of the usable residuals over their stated sigmas."""
+        return robust_scale(residual_m[self.usable] / self.noise.sigma_m[self.usable], self.free_count)
+
+    def check(self, selection: _Selection, pass_count: int, threshold: float) -> _Selection:
+        """Use all observations if too many are outliers, and end the editing after the last pass."""
+        usable_count = int(self.usable.sum())
+        rejected_count = usable_count - int(selection.used.sum())
+        if rejected_count > self.max_rejected:
+            message = (
+                f"{rejected_count} of {usable_count} observations exceed {threshold:g} sigmas, more than the limit of "
+                f"{self.max_rejected}, so none is rejected: check stations, sigmas and model"
+            )
+            return _Selection(self.usable, message, complete=False)
+        if pass_count >= _MAX_PASSES:
+            message = f"the editing did not settle in {_MAX_PASSES} passes"
+            return _Selection(selection.used, message, complete=False)
+        return selection
 
 
 def _studentized_limits(
@@ -237,40 +295,6 @@ def _initial_labels(status: ArrayLike | Labels | None, n: int) -> Labels:
     if labels.codes.shape != (n,):
         raise InputError(f"status: expected shape ({n},), got {labels.codes.shape}")
     return Labels.coded([text or USED for text in labels.texts], labels.codes)
-
-
-def with_reasons(status: Labels, reasons: Mapping[int, str]) -> Labels:
-    """Return labels with other texts in some rows."""
-    codes = status.codes.copy()
-    codes[list(reasons)] = len(status.texts) + np.arange(len(reasons))
-    return Labels.coded((*status.texts, *reasons.values()), codes)
-
-
-def outlier_reason(residual_m: float, expected_m: float) -> str:
-    """Return a rejection by size in words, such as "outlier: 19.021 m is 612 times its expected 0.031 m"."""
-    ratio = abs(residual_m) / expected_m
-    times = f"{ratio:.0f}" if ratio >= 100.0 else f"{ratio:.3g}"
-    return f"outlier: {_format_length(abs(residual_m))} m is {times} times its expected {_format_length(expected_m)} m"
-
-
-def outlier_runs(edited: EditedFit, order: SeriesOrder) -> list[Rows]:
-    """Find runs of outliers: successive rows of a series, in order of time, with residuals of one sign."""
-    rows = order.order[edited.initial_status.are(USED)[order.order]]
-    outlier = edited.outliers[rows]
-    is_first = changed(order.code[rows], np.where(outlier, np.sign(edited.fit.residual_m[rows]), 0.0))
-    runs = np.split(np.arange(len(rows)), np.flatnonzero(is_first)[1:])
-    return [rows[run] for run in runs if len(run) >= _MIN_RUN_COUNT and outlier[run[0]]]
-
-
-def run_reasons(edited: EditedFit, runs: Iterable[Rows]) -> dict[int, str]:
-    """Return the reason, by row, for the rejection of each observation of runs of outliers."""
-    reasons = dict[int, str]()
-    for rows in runs:
-        mean_m = float(edited.fit.residual_m[rows].mean())
-        sign = "-" if mean_m < 0.0 else "+"
-        text = f"outlier, one of {len(rows)} in succession, {sign}{_format_length(abs(mean_m))} m in the mean"
-        reasons |= dict.fromkeys(rows.tolist(), text)
-    return reasons
 
 
 def _format_length(value_m: float) -> str:

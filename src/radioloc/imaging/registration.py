@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.errors import InputError
 from radioloc.imaging.adjustment import Adjusted, TiePoints, adjust, approximate_places
-from radioloc.imaging.cameras import distorted, sight_matrix
+from radioloc.imaging.cameras import Camera, distorted, sight_matrix
 from radioloc.imaging.homography import Homography
 from radioloc.imaging.image_chain import (
     MAX_PIXEL_GROWTH,
@@ -98,6 +98,7 @@ class Registration:
     plane: TangentPlane
     map_sigma_m: tuple[float, float]
     common_sigma_m: float  # common to map features beside the map's tie, east and north
+    relief_sigma_m: float  # heights about the ground taken as a plane; zero where heights are modelled
     sigma_factors: tuple[float, float]  # of stated sigmas in images and on the map, from residuals
     redundancy: int
     map_places_m: Floats  # adjusted places in the plane of the tie points with the map, shape (k, 2)
@@ -113,7 +114,8 @@ class Registration:
         """Return the place of a pixel of a registered image, by default its centre, with its covariance.
 
         The covariance includes errors of features and of the chain, and those common to all points: the map's tie,
-        0.058 of its pixel and, without relief, half of the rms displacement by relief.
+        0.058 of its pixel and, without relief, half of the rms displacement by relief. Without relief, an unknown
+        height h also displaces the place by h tan(tilt) along the ray of the pixel.
         """
         index, image = self._image(name)
         measured = np.asarray(image.centre if pixel is None else pixel, dtype=np.float64)
@@ -132,6 +134,9 @@ class Registration:
             )
         longitude, latitude = self.plane.to_longitude_latitude(place[np.newaxis])[0]
         common_m2 = np.square(self.map_sigma_m) + self.common_sigma_m**2
+        if self.relief_sigma_m:
+            slope = self.relief_sigma_m * self._slopes(index, undistorted[np.newaxis])
+            covariance = covariance + slope.T @ slope
         ground = self.plane.covariance_at(place, covariance) + np.diag(common_m2)
         return GroundPoint(float(longitude), float(latitude), ground)
 
@@ -191,22 +196,52 @@ class Registration:
         index, image = self._image(name)
         if image.camera is None:
             return None
-        model, camera = self._adjusted.model, image.camera
+        rotation, position_m = self._pose(index, image.camera, height_m)
+        axes, sight = self.plane.axes(), image.camera.looks_along_z
+        pose = ConstantOrientation(position_m @ axes, axes.T @ rotation.T * [1.0, sight, sight])
+        return FrameModel(image.camera, pose, (image.size[1], image.size[0]))
+
+    def _pose(self, index: int, camera: Camera, height_m: float = 0.0) -> tuple[Floats, Floats]:
+        """Return rotation Q from the plane's axes to those along the line of sight, and position C, m."""
+        model = self._adjusted.model
         if isinstance(model, Poses) and not model.low[index]:
-            rotation, position_m = model.rotations[index], model.positions_m[index]
+            return model.rotations[index], model.positions_m[index]
+        middle_m = self._tied_m(index).mean(axis=0)
+        if isinstance(model, Poses):
+            [point_m], _ = model.relief.points(middle_m[np.newaxis])
         else:
-            middle_m = self._tied_m(index).mean(axis=0)
-            if isinstance(model, Poses):
-                [point_m], _ = model.relief.points(middle_m[np.newaxis])
-            else:
-                up_m = math.sqrt(MEAN_LUNAR_RADIUS_M**2 - float(middle_m @ middle_m))
-                point_m = np.append(middle_m, up_m) * (1.0 + height_m / MEAN_LUNAR_RADIUS_M)
-            matrix = self._homographies.matrices[index]
-            rotation, position_m = pose_of_homography(sight_matrix(camera), matrix, point_m)
-        axes = self.plane.axes()
-        to_sight = np.diag([1.0, camera.looks_along_z, camera.looks_along_z])
-        pose = ConstantOrientation(position_m @ axes, axes.T @ rotation.T @ to_sight)
-        return FrameModel(camera, pose, (image.size[1], image.size[0]))
+            up_m = math.sqrt(MEAN_LUNAR_RADIUS_M**2 - float(middle_m @ middle_m))
+            point_m = np.append(middle_m, up_m) * (1.0 + height_m / MEAN_LUNAR_RADIUS_M)
+        return pose_of_homography(sight_matrix(camera), self._homographies.matrices[index], point_m)
+
+    def _slopes(self, index: int, pixels: Floats) -> Floats:
+        """Return the displacement east and north by height of the ground, tan(tilt), of undistorted pixels, (n, 2)."""
+        camera = [*self._images.values()][index][1].camera
+        if camera is None:
+            return np.zeros((len(pixels), 2))
+        to_plane = self._pose(index, camera)[0].T @ np.linalg.inv(sight_matrix(camera))
+        rays = np.insert(pixels, 2, 1.0, axis=1) @ to_plane.T
+        return np.asarray(rays[:, :2] / rays[:, 2:])
+
+    def with_relief_sigma(self) -> Registration:
+        """Return the registration with the sigma of heights from residuals on the map beyond their stated noise.
+
+        Residuals are the displacements h tan(tilt) of the tie points by their heights h about the plane.
+        """
+        ties, result = self._ties, self._adjusted
+        on_map = ties.map_point[result.map_used]
+        slope2, number = np.zeros((2, ties.count))
+        for index in range(len(self._images)):
+            used = self._used(index)
+            np.add.at(slope2, ties.point[used], (self._slopes(index, ties.pixels[used]) ** 2).sum(axis=1))
+            np.add.at(number, ties.point[used], 1.0)
+        slopes2 = slope2[on_map] / np.maximum(number[on_map], 1.0)
+        excess_m2 = (result.map_residuals_m[result.map_used] ** 2).sum() - 2.0 * (
+            ties.map_sigma_m[result.map_used] ** 2
+        ).sum()
+        if not slopes2.any() or excess_m2 <= 0.0:
+            return self
+        return replace(self, relief_sigma_m=math.sqrt(excess_m2 / slopes2.sum()))
 
     def pose_covariance(self, name: str) -> Floats | None:
         """Return the covariance of a pose relative to the map, shape (6, 6); None for an image without adjusted pose.
@@ -346,11 +381,12 @@ def adjusted_registration(
     if not relief:
         common_m = math.hypot(common_m, common_relief_m(ties, result))
     _require_order([frame for frame in frames if frame.is_registered])
-    return Registration(
+    registration = Registration(
         frames=tuple(frames),
         plane=chain.map.plane,
         map_sigma_m=map_sigma_m,
         common_sigma_m=common_m,
+        relief_sigma_m=0.0,
         sigma_factors=result.sigma_factors,
         redundancy=result.redundancy,
         map_places_m=result.places_m[ties.map_point[result.map_used]],
@@ -360,6 +396,7 @@ def adjusted_registration(
         _adjusted=result,
         _images={chain.images[number].name: (k, chain.images[number]) for k, number in enumerate(numbers)},
     )
+    return registration if relief else registration.with_relief_sigma()
 
 
 def common_relief_m(ties: TiePoints, result: Adjusted) -> float:

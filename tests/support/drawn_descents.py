@@ -17,7 +17,7 @@ from procedural_ground import Ground
 import radioloc
 from radioloc.errors import RadiolocError
 from radioloc.imaging import Camera
-from radioloc.imaging.orientation import quaternions_of
+from radioloc.imaging.orientation import quaternions_from_matrices
 from radioloc.imaging.shading import sun_direction
 from radioloc.imaging.study import CameraChoice, ImageChoice, ImageStudy
 from radioloc.lunar import TangentPlane
@@ -89,7 +89,10 @@ def _located(seed: int, folder: Path, relief: float, with_dem: bool, tilt_deg: f
     sun = sun_direction(azimuth_deg + apart_deg, elevation_of_map_deg)
     ground.write_map(folder / "map.tif", pixel_m, map_width_m, sun, tuple(shift_m))
     ground.write_heights(folder / "dem.tif", 60.0, map_width_m + 1000.0)
-    files = [path for path in descent.write(folder) if path.parent.name == "frames"]
+    try:
+        files = [path for path in descent.write(folder) if path.parent.name == "frames"]
+    except RadiolocError as error:  # a hill hides the ground from a low view
+        return Outcome(seed, str(error), pixel_m, apart_deg)
     study = ImageStudy(
         ImageChoice(
             files=tuple(files),
@@ -99,6 +102,7 @@ def _located(seed: int, folder: Path, relief: float, with_dem: bool, tilt_deg: f
             rectify=oblique,
             attitudes=_write_attitudes(folder) if oblique else None,
             point=((SIZE_PX - 1) / 2,) * 2 if oblique else "centre",
+            point_sigma_px=0.0 if oblique else 1.0,
         ),
         CameraChoice(focal_mm, PIXEL_UM, distortion=DISTORTION),
     )
@@ -118,16 +122,18 @@ def _located(seed: int, folder: Path, relief: float, with_dem: bool, tilt_deg: f
 def _write_attitudes(folder: Path) -> Path:
     """Write the true attitudes of the frames, as a star tracker would give them."""
     frames = json.loads((folder / "truth.json").read_text())["frames"]
-    quaternions = quaternions_of(np.array([frame["rot_camera_to_moon"] for frame in frames]))
+    quaternions = quaternions_from_matrices(np.array([frame["rot_camera_to_moon"] for frame in frames]))
     rows = [f"{f['file']},{','.join(map(str, q))}" for f, q in zip(frames, quaternions, strict=True)]
     path = folder / "attitudes.csv"
     path.write_text("\n".join(["file,qw,qx,qy,qz", *rows]) + "\n")
     return path
 
 
-def outcomes(seeds: Iterable[int], relief: float = 1.0, with_dem: bool = True) -> list[Outcome]:
+def outcomes(
+    seeds: Iterable[int], relief: float = 1.0, with_dem: bool = True, tilt_deg: float | None = None
+) -> list[Outcome]:
     """Return the outcomes of descents, in parallel processes."""
-    located = partial(outcome, relief=relief, with_dem=with_dem)
+    located = partial(outcome, relief=relief, with_dem=with_dem, tilt_deg=tilt_deg)
     with ProcessPoolExecutor(mp_context=get_context("spawn")) as pool:
         return list(pool.map(located, seeds))
 

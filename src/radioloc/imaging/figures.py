@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.imaging.base_map import BaseMap
-from radioloc.imaging.products import lay_over, pose_table, track_deg
+from radioloc.imaging.products import lay_over, pose_table, rectified_frame, track_deg
 from radioloc.imaging.solution import ImageSolution, PointSolution
 from radioloc.imaging.stereo_points import StereoPoints
 from radioloc.report.figures import (
@@ -159,7 +160,8 @@ def _mosaic(solution: ImageSolution, west_m: float, north_m: float, width_m: flo
     )
     corner = rasterio.Affine(pixel_m, 0.0, west_m, 0.0, -pixel_m, north_m)
     grid = MapGrid.of_map(crs, corner, *shape, MEAN_LUNAR_RADIUS_M)
-    lay_over(canvas, solution, _distinct_frames(solution.registered), grid)
+    drawn = partial(rectified_frame, solution)
+    lay_over(canvas, solution, _distinct_frames(solution.registered), grid, drawn)
     return canvas
 
 

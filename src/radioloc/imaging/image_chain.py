@@ -101,6 +101,21 @@ class ChainImage:
         return pixels if self.camera is None else undistorted(self.camera)(pixels)
 
 
+@dataclass(slots=True, eq=False)
+class Detected:
+    """Features of images and their matches, for registrations on several maps."""
+
+    features: dict[tuple[str, int, bytes], Features] = field(default_factory=dict)
+    matches: dict[tuple[int, int], Matches] = field(default_factory=dict)  # by the identity of both features
+
+    def match(self, first: Features, second: Features) -> Matches:
+        """Return the matches of two images."""
+        key = id(first), id(second)
+        if key not in self.matches:
+            self.matches[key] = match(first, second)
+        return self.matches[key]
+
+
 class ImageChain:
     """Images in order of time with their tie points and links."""
 
@@ -110,11 +125,12 @@ class ImageChain:
         map_features: MapFeatures,
         mask: Mask | None,
         search_area: tuple[float, float, float] | None,
+        detected: Detected | None = None,
     ) -> None:
         names = [frame.name for frame in frames]
         if len(set(names)) < len(names):
             raise InputError(f"images have the same name: {sorted({n for n in names if names.count(n) > 1})}")
-        self.mask, self.map = mask, map_features
+        self.mask, self.map, self.detected = mask, map_features, detected or Detected()
         self.images: list[ChainImage] = []
         self.tracks = map_features.tracks
         self.links: list[tuple[int, int, Floats]] = []  # homographies between images
@@ -161,7 +177,7 @@ class ImageChain:
             earlier = self.images[number - step] if step <= number else None
             if earlier is None or earlier.features is None:
                 continue
-            matches = match(features, earlier.features)
+            matches = self.detected.match(features, earlier.features)
             featureless = matches.status is MatchStatus.FEATURELESS
             if featureless and len(features.pixels) < len(earlier.features.pixels):
                 image.features = None
@@ -205,7 +221,14 @@ class ImageChain:
             image.turned = views[int(np.argmin(alarms))]
 
     def _features(self, image: ChainImage, pixels: Image, reduction: int) -> Features:
-        """Detect features of an image reduced by a whole number, at undistorted pixels of full size."""
+        """Return the features of an image reduced by a whole number, at undistorted pixels of full size."""
+        turned = b"" if image.turned is None else image.turned.to_turned.tobytes()
+        key = image.name, reduction, turned
+        if key not in self.detected.features:
+            self.detected.features[key] = self._detect(image, pixels, reduction)
+        return self.detected.features[key]
+
+    def _detect(self, image: ChainImage, pixels: Image, reduction: int) -> Features:
         cv2 = load_opencv()
         mask = self.mask
         if reduction > 1:

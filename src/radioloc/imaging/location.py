@@ -11,6 +11,7 @@ from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,7 +19,7 @@ from radioloc.errors import ConvergenceError, InputError, require_type
 from radioloc.imaging.cameras import altitude_m
 from radioloc.imaging.frames import find_mask, read_frame, read_mask
 from radioloc.imaging.homography import transformed
-from radioloc.imaging.image_chain import Frame
+from radioloc.imaging.image_chain import Detected, Frame
 from radioloc.imaging.map_choice import confidence_ellipse, find_candidates, sun_notes
 from radioloc.imaging.oblique import read_attitudes
 from radioloc.imaging.point_location import FRAME, build_provenance, ground_at, locate_point, locate_stereo
@@ -96,7 +97,7 @@ def locate_images(
     scratch = Path(tempfile.mkdtemp(prefix="radioloc-"))
     try:
         shaded, note = _shaded_map(chosen, scratch)
-        solution = _locate_lander(study, Map.open(shaded), progress, (note,))
+        solution = _locate_lander(study, _frames(study), Map.open(shaded), progress, (note,))
     except BaseException:
         shutil.rmtree(scratch, ignore_errors=True)
         raise
@@ -108,13 +109,13 @@ def locate_images(
 def _locate_on_maps(study: ImageStudy, progress: bool) -> ImageSolution:
     """Locate the lander on each map that covers the region of the a-priori solution; the first converged one leads."""
     region = None if study.images.near is None else confidence_ellipse(dict(read_recorded(study.images.near)))
-    candidates = find_candidates(study.images, region)
+    candidates, frames = find_candidates(study.images, region), _frames(study)
     results: list[MapResult] = []
     for candidate in candidates:
         base = candidate.base
         try:
-            solution, status = _locate_lander(study, base, progress, sun_notes([candidate])), "converged"
-            status = solution.message or status
+            solution = _locate_lander(study, frames, base, progress, sun_notes([candidate]))
+            status = solution.message or "converged"
         except ConvergenceError as error:
             if len(candidates) == 1:
                 raise
@@ -129,7 +130,15 @@ def _locate_on_maps(study: ImageStudy, progress: bool) -> ImageSolution:
     return leading if len(results) == 1 else replace(leading, maps=tuple(results))
 
 
-def _locate_lander(study: ImageStudy, base: Map, progress: bool, notes: tuple[str, ...]) -> ImageSolution:
+class _Frames(NamedTuple):
+    """Images of a study, with the features that each map uses again."""
+
+    frames: list[Frame]
+    mask: Mask | None
+    detected: Detected
+
+
+def _frames(study: ImageStudy) -> _Frames:
     chosen = study.images
     camera = None if study.camera is None else study.camera.camera
     attitudes = {} if chosen.attitudes is None else read_attitudes(chosen.attitudes)
@@ -137,17 +146,24 @@ def _locate_lander(study: ImageStudy, base: Map, progress: bool, notes: tuple[st
         Frame(name, partial(read_frame, path), camera, chosen.rectify, attitudes.get(path.name))
         for name, path in zip(_names(chosen.files), chosen.files, strict=True)
     ]
-    mask = _mask(chosen)
+    return _Frames(frames, _mask(chosen), Detected())
+
+
+def _locate_lander(
+    study: ImageStudy, images: _Frames, base: Map, progress: bool, notes: tuple[str, ...]
+) -> ImageSolution:
+    chosen = study.images
     registration = register_chain(
-        frames,
+        images.frames,
         base,
         map_sigma_m=chosen.base_map_sigma_m,
-        mask=mask,
+        mask=images.mask,
         search_area=_search_area(chosen),
-        terrain=None if camera is None or chosen.dem is None else TerrainModel.open(chosen.dem),
+        terrain=None if study.camera is None or chosen.dem is None else TerrainModel.open(chosen.dem),
         progress=partial(progress_bar, shown=progress, unit="image"),
+        detected=images.detected,
     )
-    return _solution(study, registration, base, mask, notes)
+    return _solution(study, registration, base, images.mask, notes)
 
 
 def _names(files: Iterable[Path]) -> list[str]:

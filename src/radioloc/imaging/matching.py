@@ -26,9 +26,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.errors import InputError
 from radioloc.imaging.frames import load_opencv
-from radioloc.imaging.homography import derivative, fit_homography, transformed
+from radioloc.imaging.homography import derivative, transformed
 from radioloc.lunar.grey_images import Image, Mask
 from radioloc.vectors import Floats
 
@@ -131,11 +130,10 @@ def _agreement(
         return Matches(MatchStatus.UNMATCHED, len(i))
     agree = _is_consistent(matrix, start, end)
     if agree.sum() >= _MIN_FEATURES // 2:
-        try:
-            matrix = fit_homography(start[agree], end[agree], 0.5, 0.5, approximate=matrix)
-        except InputError:
+        refined, _ = cv2.findHomography(start[agree], end[agree])
+        if refined is None:
             return Matches(MatchStatus.UNMATCHED, len(i))
-        agree = _is_consistent(matrix, start, end)
+        matrix, agree = refined, _is_consistent(refined, start, end)
     area = min(float(np.prod(coarse.shape)), math.pi * min(radius_px, 1e6) ** 2)
     count = _occupied_cells(start[agree], end[agree])
     alarms = _log10_false_alarms(len(i), count, math.pi * _TOLERANCE_PX**2 / area)

@@ -13,7 +13,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,54 +33,53 @@ _MIN_SEAM_CELLS = 20
 _MAX_PAIR_CELLS = 2000  # of an overlap, for the balance
 
 
-class Window(NamedTuple):
-    """Cells of an orthophoto in a common grid."""
-
-    row: int
-    column: int
-    rows: int
-    columns: int
-
-    def common(self, window: Window) -> Window | None:
-        """Return the cells that both windows have, None without any."""
-        row, column = max(self.row, window.row), max(self.column, window.column)
-        rows = min(self.row + self.rows, window.row + window.rows) - row
-        columns = min(self.column + self.columns, window.column + window.columns) - column
-        return Window(row, column, rows, columns) if min(rows, columns) > 0 else None
-
-    def slices_in(self, outer: Window) -> tuple[slice, slice]:
-        """Return rows and columns of this window in a window that contains it."""
-        row, column = self.row - outer.row, self.column - outer.column
-        return slice(row, row + self.rows), slice(column, column + self.columns)
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class _Reduced:
     """Orthophoto at the size in which seams are searched."""
 
-    window: Window  # in the reduced grid
+    window: Any  # of rasterio, in the reduced grid
     log_values: Floats  # NaN without value
     planes: Floats  # 1, x, y of each cell, from -1 to 1 over the mosaic, shape (3, rows, columns)
 
 
-def common_windows(datasets: Sequence[Any]) -> tuple[list[Window], Any]:
-    """Return the windows of datasets in the smallest grid that contains all, and its transform."""
+def common_windows(datasets: Sequence[Any]) -> tuple[list[Any], MapGrid]:
+    """Return the windows of datasets in the smallest grid that contains all, and that grid."""
     from rasterio.transform import Affine
+    from rasterio.windows import Window
 
     size = datasets[0].transform.a
-    corners = np.array([[-d.transform.f, d.transform.c] for d in datasets])
-    cells = np.rint((corners - corners.min(axis=0)) / size).astype(int)
-    windows = [Window(int(r), int(c), d.height, d.width) for (r, c), d in zip(cells, datasets, strict=True)]
-    north, west = corners.min(axis=0)
-    return windows, Affine(size, 0.0, west, 0.0, -size, -north)
+    corners = np.array([[d.transform.c, -d.transform.f] for d in datasets])
+    cells = np.rint((corners - corners.min(axis=0)) / size).astype(int).tolist()
+    windows = [Window(*first, d.width, d.height) for first, d in zip(cells, datasets, strict=True)]
+    west, south = corners.min(axis=0)
+    rows, columns = (max(ends) for ends in zip(*map(_ends, windows), strict=True))
+    transform = Affine(size, 0.0, west, 0.0, -size, -south)
+    return windows, MapGrid.of_map(datasets[0].crs, transform, rows, columns, MEAN_LUNAR_RADIUS_M)
+
+
+def _ends(window: Any) -> tuple[int, int]:
+    return window.row_off + window.height, window.col_off + window.width
+
+
+def common_window(first: Any, second: Any) -> Any:
+    """Return the cells that both windows have, None without any."""
+    from rasterio.windows import intersect, intersection
+
+    return intersection(first, second) if intersect(first, second) else None
+
+
+def slices_in(window: Any, outer: Any) -> tuple[slice, slice]:
+    """Return rows and columns of a window in a window that contains it."""
+    row, column = window.row_off - outer.row_off, window.col_off - outer.col_off
+    return slice(row, row + window.height), slice(column, column + window.width)
 
 
 def write_mosaic(path: Path, orthophotos: Sequence[Path]) -> dict[tuple[int, int], float]:
     """Write the mosaic of orthophotos (COG), and return the relative step of brightness across each seam."""
     with ExitStack() as closing:
         datasets = [closing.enter_context(open_dataset(file)) for file in orthophotos]
-        windows, transform = common_windows(datasets)
-        shape = (max(w.row + w.rows for w in windows), max(w.column + w.columns for w in windows))
+        windows, grid = common_windows(datasets)
+        shape = grid.rows, grid.columns
         reduction = max(1, -(-max(shape) // _MAX_REDUCED_SIDE))
         reduced = [_reduced(d, w, shape, reduction) for d, w in zip(datasets, windows, strict=True)]
         planes = _balance(reduced)
@@ -89,13 +88,11 @@ def write_mosaic(path: Path, orthophotos: Sequence[Path]) -> dict[tuple[int, int
         masks = _seam_masks(reduced)
         weights = [_blurred(mask) for mask in masks]
         dtype = datasets[0].dtypes[0]
-        grid = MapGrid.of_map(datasets[0].crs, transform, *shape, MEAN_LUNAR_RADIUS_M)
         file = closing.enter_context(new_cog(path, grid, dtype))
         for _, block in file.block_windows(1):
-            cells_of_block = Window(block.row_off, block.col_off, block.height, block.width)
             total, weight = np.zeros((2, block.height, block.width))
             for k, dataset in enumerate(datasets):
-                part = _block(dataset, windows[k], cells_of_block, shape, planes[k], weights[k])
+                part = _block(dataset, windows[k], block, shape, planes[k], weights[k])
                 if part is not None:
                     cells, values, value_weights = part
                     total[cells] += value_weights * values
@@ -116,18 +113,19 @@ def read_cells(dataset: Any, cells: tuple[slice, slice]) -> Any:
     return dataset.read(1, window=((rows.start, rows.stop), (columns.start, columns.stop)), masked=True)
 
 
-def _reduced(dataset: Any, window: Window, shape: tuple[int, int], reduction: int) -> _Reduced:
+def _reduced(dataset: Any, window: Any, shape: tuple[int, int], reduction: int) -> _Reduced:
     """Read an orthophoto by averages of cells."""
     from rasterio.enums import Resampling
+    from rasterio.windows import Window
 
-    rows, columns = (max(1, round(n / reduction)) for n in (window.rows, window.columns))
+    rows, columns = (max(1, round(n / reduction)) for n in (window.height, window.width))
     values = dataset.read(1, out_shape=(rows, columns), masked=True, resampling=Resampling.average)
     numbers = np.where(np.ma.getmaskarray(values), 0.0, np.ma.getdata(values).astype(np.float64))
     with np.errstate(invalid="ignore"):
         log_values = np.log(np.where(numbers > 0.0, numbers, np.nan))
-    place = Window(round(window.row / reduction), round(window.column / reduction), rows, columns)
-    row = window.row + (np.arange(rows) + 0.5) * (window.rows / rows)
-    column = window.column + (np.arange(columns) + 0.5) * (window.columns / columns)
+    place = Window(round(window.col_off / reduction), round(window.row_off / reduction), columns, rows)
+    row = window.row_off + (np.arange(rows) + 0.5) * (window.height / rows)
+    column = window.col_off + (np.arange(columns) + 0.5) * (window.width / columns)
     return _Reduced(place, log_values, _planes(row, column, shape))
 
 
@@ -141,9 +139,9 @@ def _overlaps(parts: Sequence[_Reduced]) -> Iterator[tuple[int, int, Any, Any]]:
     """Yield pairs of images with the slices of both in which they overlap."""
     for i, j in combinations(range(len(parts)), 2):
         first, second = parts[i].window, parts[j].window
-        common = first.common(second)
+        common = common_window(first, second)
         if common is not None:
-            yield i, j, common.slices_in(first), common.slices_in(second)
+            yield i, j, slices_in(common, first), slices_in(common, second)
 
 
 def _balance(parts: Sequence[_Reduced]) -> Floats:
@@ -177,7 +175,7 @@ def _seam_masks(parts: Sequence[_Reduced]) -> list[NDArray[np.uint8]]:
     grey = [np.clip((p.log_values - low) * (255.0 / max(high - low, 1e-9)), 0.0, 255.0) for p in parts]
     images = [cv2.merge([np.nan_to_num(image).astype(np.float32)] * 3) for image in grey]
     masks = [np.isfinite(p.log_values).astype(np.uint8) * 255 for p in parts]
-    corners = [(p.window.column, p.window.row) for p in parts]
+    corners = [(p.window.col_off, p.window.row_off) for p in parts]
     seams = finder.find(images, corners, masks) if len(parts) > 1 else masks
     return [np.asarray(mask.get() if hasattr(mask, "get") else mask) for mask in seams]
 
@@ -189,28 +187,28 @@ def _blurred(mask: NDArray[np.uint8]) -> NDArray[np.float32]:
 
 def _block(
     dataset: Any,
-    window: Window,
-    block: Window,
+    window: Any,
+    block: Any,
     shape: tuple[int, int],
     plane: Floats,
     weights: NDArray[np.float32],
 ) -> tuple[tuple[slice, slice], Floats, Floats] | None:
     """Return the cells of a block that an orthophoto covers, their balanced values and their weights."""
     cv2 = load_opencv()
-    common = window.common(block)
+    common = common_window(window, block)
     if common is None:
         return None
-    values = read_cells(dataset, common.slices_in(window))
+    values = read_cells(dataset, slices_in(common, window))
     numbers = np.ma.getdata(values).astype(np.float64)
     valid = ~np.ma.getmaskarray(values) & np.isfinite(numbers)
-    row = common.row + 0.5 + np.arange(common.rows)
-    column = common.column + 0.5 + np.arange(common.columns)
+    row = common.row_off + 0.5 + np.arange(common.height)
+    column = common.col_off + 0.5 + np.arange(common.width)
     gain = np.exp(np.tensordot(plane, _planes(row, column, shape), 1))
-    line = (row - window.row) * (weights.shape[0] / window.rows) - 0.5
-    sample = (column - window.column) * (weights.shape[1] / window.columns) - 0.5
+    line = (row - window.row_off) * (weights.shape[0] / window.height) - 0.5
+    sample = (column - window.col_off) * (weights.shape[1] / window.width) - 0.5
     places = np.meshgrid(sample.astype(np.float32), line.astype(np.float32))
     weight = cv2.remap(weights, *places, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    return common.slices_in(block), np.where(valid, numbers * gain, 0.0), (weight + _MIN_WEIGHT) * valid
+    return slices_in(common, block), np.where(valid, numbers * gain, 0.0), (weight + _MIN_WEIGHT) * valid
 
 
 def _seam_steps(

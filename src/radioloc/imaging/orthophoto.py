@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.errors import InputError
-from radioloc.imaging.rectification import TerrainView, grid_around, new_cog, rectified
+from radioloc.imaging.rectification import TerrainView, grid_around, new_cog, part_of, rectified
 from radioloc.imaging.sensor_models import SensorModel
 from radioloc.lunar import TerrainModel
 
@@ -64,11 +64,11 @@ def write_orthophoto(
     any_visible = False
     with new_cog(path, grid, dtype) as file:
         for _, window in file.block_windows(1):
-            shape = window.height, window.width
+            part, shape = part_of(grid, *window.toslices()), (window.height, window.width)
             values, visible = np.zeros(shape, dtype), np.zeros(shape, bool)
             for (image, _), view in zip(images, views, strict=True):
-                part, shown = rectified(image, view, grid, *window.toslices())
-                values, visible = np.where(shown, part, values), visible | shown
+                drawn, shown = rectified(image, view, part)
+                values, visible = np.where(shown, drawn, values), visible | shown
             file.write(values, 1, window=window)
             file.write_mask(visible, window=window)
             any_visible |= bool(visible.any())

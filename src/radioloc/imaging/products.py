@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from radioloc.imaging.frames import read_frame
 from radioloc.imaging.orientation import quaternions_from_matrices
@@ -18,6 +19,7 @@ from radioloc.imaging.rectification import (
     nearest_projection,
     new_cog,
     outline,
+    part_of,
     rectified,
 )
 from radioloc.imaging.registration import TIE_COLUMNS, RegisteredFrame, Registration
@@ -38,6 +40,7 @@ _MIN_DRAWN_CELLS = 2  # on each side of an image
 _TOLERANCE_PX = 0.1  # of rectified images: a third of the residuals of tie points
 _RING_STEPS = 16  # points on each side of an outline
 _ADJUSTED, _LEVEL = "adjusted", "level ground"  # poses in the table
+Drawn = Callable[[RegisteredFrame, MapGrid], tuple[NDArray[Any], Mask]]
 _CSV_DECIMALS = {"longitude_deg": 8, "latitude_deg": 8} | dict.fromkeys(TIE_COLUMNS, 3)
 
 
@@ -66,13 +69,13 @@ def product_files(solution: MappedImages) -> dict[str, Content]:
         "poses.csv": Table(poses),
         "tie_points.csv": Table(solution.registration.tie_points(), _CSV_DECIMALS),
         "images.gpkg": lambda path: write_geopackage(path, _layers(solution, poses)),
-        "mosaic.tif": partial(_write_mosaic, solution),
     }
+    maps = {}
     for number, frame in enumerate(solution.registration.frames, 1):
         if frame.is_registered:
-            name = f"rectified/{number:03d}_{Path(frame.name).stem}.tif"
+            maps[frame.name] = name = f"rectified/{number:03d}_{Path(frame.name).stem}.tif"
             files[name] = partial(_write_rectified, solution, frame)
-    return files
+    return {**files, "mosaic.tif": partial(_write_mosaic, solution, maps)}
 
 
 def pose_table(solution: MappedImages) -> dict[str, Any]:
@@ -127,45 +130,55 @@ def track_deg(poses: Mapping[str, Any]) -> Floats:
     return places[adjusted] if adjusted.any() else places
 
 
-def lay_over(canvas: Image, solution: MappedImages, frames: Iterable[RegisteredFrame], grid: MapGrid) -> Mask:
+def lay_over(
+    canvas: Image, solution: MappedImages, frames: Iterable[RegisteredFrame], grid: MapGrid, drawn: Drawn
+) -> Mask:
     """Draw images over a canvas in the cells of a grid, the finest on top, and return the mask of their cells."""
     covered = np.zeros(canvas.shape, bool)
     for frame in sorted(frames, key=lambda frame: -frame.pixel_m):
-        view = solution.registration.view(frame.name)
-        cells = np.column_stack(grid.cells(*outline(view).T))
+        cells = np.column_stack(grid.cells(*outline(solution.registration.view(frame.name)).T))
         first = np.clip(np.floor(cells.min(axis=0)), 0, canvas.shape).astype(int)
         last = np.clip(np.ceil(cells.max(axis=0)) + 1, first, canvas.shape).astype(int)
         part = slice(first[0], last[0]), slice(first[1], last[1])
-        if (last - first).min() < _MIN_DRAWN_CELLS:
-            continue
-        image = read_frame(solution.paths[frame.name])
-        values, shown = rectified(image, view, grid, *part, solution.mask, _TOLERANCE_PX)
-        canvas[part][shown] = values[shown]
-        covered[part] |= shown
+        if (last - first).min() >= _MIN_DRAWN_CELLS:
+            values, shown = drawn(frame, part_of(grid, *part))
+            canvas[part][shown] = values[shown]
+            covered[part] |= shown
     return covered
 
 
-def _write_mosaic(solution: MappedImages, path: Path) -> None:
+def rectified_frame(
+    solution: MappedImages, frame: RegisteredFrame, grid: MapGrid
+) -> tuple[NDArray[Any], Mask]:
+    """Return an image in the cells of a grid, and the mask of cells that it shows."""
+    image, view = read_frame(solution.paths[frame.name]), solution.registration.view(frame.name)
+    return rectified(image, view, grid, solution.mask, _TOLERANCE_PX)
+
+
+def _write_mosaic(solution: MappedImages, files: Mapping[str, str], path: Path) -> None:
+    """Write the rectified images, which are in files by the names of the images, over the base map."""
     registration, frames = solution.registration, solution.registered
     angles = np.concatenate([outline(registration.view(frame.name)) for frame in frames])
     finest_m = min(frame.pixel_m for frame in frames)
     grid = _limited(lambda cell_m: map_grid(_projection(solution), angles, cell_m, _MOSAIC_MARGIN), finest_m)
     canvas, valid = solution.base.on_grid(grid)
-    covered = lay_over(canvas, solution, frames, grid)
-    with new_cog(path, grid, canvas.dtype) as file:
-        file.write(canvas, 1)
-        file.write_mask(valid | covered)
+    folder = path.parent
+    covered = lay_over(
+        canvas, solution, frames, grid, lambda frame, part: Map.open(folder / files[frame.name]).on_grid(part)
+    )
+    _write_map(path, grid, canvas, valid | covered)
 
 
 def _write_rectified(solution: MappedImages, frame: RegisteredFrame, path: Path) -> None:
     view = solution.registration.view(frame.name)
     grid = _limited(lambda cell_m: grid_around([view], _projection(solution), cell_m), frame.pixel_m)
-    image = read_frame(solution.paths[frame.name])
-    cells = slice(0, grid.rows), slice(0, grid.columns)
-    values, visible = rectified(image, view, grid, *cells, solution.mask, _TOLERANCE_PX)
+    _write_map(path, grid, *rectified_frame(solution, frame, grid))
+
+
+def _write_map(path: Path, grid: MapGrid, values: NDArray[Any], shown: Mask) -> None:
     with new_cog(path, grid, values.dtype) as file:
         file.write(values, 1)
-        file.write_mask(visible)
+        file.write_mask(shown)
 
 
 def _projection(solution: MappedImages) -> str:

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,7 @@ from radioloc import vectors
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.errors import InputError
 from radioloc.imaging.cameras import Camera, distorted, undistorted
+from radioloc.imaging.frames import load_opencv
 from radioloc.imaging.homography import transformed
 from radioloc.imaging.sensor_models import SensorModel, require_mean_earth
 from radioloc.imaging.surfaces import Terrain
@@ -38,23 +39,6 @@ _MAX_EXTRAPOLATION = 4.0
 # Squares of cells in which pixels are interpolated between the corners.
 _MAX_SQUARE_CELLS, _MIN_SQUARE_CELLS, _MIN_SQUARES = 16, 4, 8
 _MAX_EQUIRECTANGULAR_LATITUDE_DEG = 60.0  # a parallel there has half of its length on the map
-
-
-class View(Protocol):
-    """Ground of the Moon in an image of a shape (lines, samples); angles are longitude and latitude, rad."""
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """Lines and samples."""
-        ...
-
-    def ground(self, pixels: Floats) -> tuple[Floats, Mask]:
-        """Return angles, shape (n, 2), of pixels, shape (n, 2), and whether each shows the ground."""
-        ...
-
-    def pixels(self, angles: Floats, tolerance_m: float) -> tuple[Floats, Mask]:
-        """Return pixels of ground points, and whether the image shows them; hidden by more than a tolerance."""
-        ...
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -179,6 +163,9 @@ class BoundedView:
         return is_near(self.places_m, self.plane.from_longitude_latitude(np.degrees(angles)))
 
 
+View = TerrainView | PlaneView | BoundedView
+
+
 def is_near(tied_m: Floats, places_m: Floats) -> Mask:
     """Select places, shape (n, 2), within the largest distance from the middle of tie points."""
     offset_m = places_m - tied_m.mean(axis=0)
@@ -246,21 +233,23 @@ def outline(view: View) -> Floats:
     return angles[hits]
 
 
+def part_of(grid: MapGrid, rows: slice, columns: slice) -> MapGrid:
+    """Return some rows and columns of a grid."""
+    a, b, c, d, e, f = grid.transform[:6]
+    x, y = c + a * columns.start + b * rows.start, f + d * columns.start + e * rows.start
+    size = {"rows": rows.stop - rows.start, "columns": columns.stop - columns.start}
+    return replace(grid, transform=type(grid.transform)(a, b, x, d, e, y), **size)
+
+
 def rectified(
-    image: NDArray[Any],
-    view: View,
-    grid: MapGrid,
-    rows: slice,
-    columns: slice,
-    mask: Mask | None = None,
-    tolerance_px: float = 0.0,
+    image: NDArray[Any], view: View, grid: MapGrid, mask: Mask | None = None, tolerance_px: float = 0.0
 ) -> tuple[NDArray[Any], Mask]:
-    """Return an image resampled to some rows and columns of a grid, and the mask of cells that it shows.
+    """Return an image resampled to a grid, and the mask of cells that it shows.
 
     Pixels much smaller than a cell are averaged. `mask` selects usable pixels of the image. With a tolerance, pixels
     are interpolated in squares of cells whose middle agrees with the corners.
     """
-    pixels, visible = _cell_pixels(view, grid, rows, columns, tolerance_px)
+    pixels, visible = _cell_pixels(view, grid, tolerance_px)
     values = np.zeros(visible.shape, image.dtype)
     if not visible.any():
         return values, visible
@@ -279,20 +268,15 @@ def _visible_pairs(visible: Mask, axis: int) -> Mask:
     return np.asarray(first & second)
 
 
-def _cell_pixels(
-    view: View, grid: MapGrid, rows: slice, columns: slice, tolerance_px: float
-) -> tuple[Floats, Mask]:
+def _cell_pixels(view: View, grid: MapGrid, tolerance_px: float) -> tuple[Floats, Mask]:
     """Return pixels, shape (rows, columns, 2), and visibility of cells."""
     from scipy.ndimage import binary_dilation
 
-    counts = rows.stop - rows.start, columns.stop - columns.start
+    counts = grid.rows, grid.columns
     step = min(_MAX_SQUARE_CELLS, min(counts) // _MIN_SQUARES)
     if step < _MIN_SQUARE_CELLS or not tolerance_px:
-        return _exact_pixels(view, grid, *np.mgrid[rows, columns].astype(float))
-    nodes = [
-        part.start + step * np.arange(-(-n // step) + 1.0)
-        for part, n in zip((rows, columns), counts, strict=True)
-    ]
+        return _exact_pixels(view, grid, *np.indices(counts, np.float64))
+    nodes = [step * np.arange(-(-n // step) + 1.0) for n in counts]
     corners, shown = _exact_pixels(view, grid, *np.meshgrid(*nodes, indexing="ij"))
     middles = np.meshgrid(*(part[:-1] + 0.5 * step for part in nodes), indexing="ij")
     middle, middle_shown = _exact_pixels(view, grid, *middles)
@@ -308,14 +292,11 @@ def _cell_pixels(
         pixels = np.take(pixels, number, axis) * (1.0 - part) + np.take(pixels, number + 1, axis) * part
     kinds: Mask = np.repeat(np.repeat(np.array([smooth, mixed]), step, axis=1), step, axis=2)
     visible, calculated = kinds[0, : counts[0], : counts[1]], kinds[1, : counts[0], : counts[1]]
-    row, column = np.nonzero(calculated)
-    pixels[calculated], visible[calculated] = _exact_pixels(
-        view, grid, row + rows.start, column + columns.start
-    )
+    pixels[calculated], visible[calculated] = _exact_pixels(view, grid, *np.nonzero(calculated))
     return pixels, visible
 
 
-def _exact_pixels(view: View, grid: MapGrid, rows: Floats, columns: Floats) -> tuple[Floats, Mask]:
+def _exact_pixels(view: View, grid: MapGrid, rows: Any, columns: Any) -> tuple[Floats, Mask]:
     """Return pixels and visibility of cells of any shape."""
     angles = np.column_stack(grid.longitude_latitude(rows.ravel(), columns.ravel()))
     pixels, visible = np.zeros_like(angles), np.asarray(np.isfinite(angles).all(axis=1))
@@ -326,16 +307,14 @@ def _exact_pixels(view: View, grid: MapGrid, rows: Floats, columns: Floats) -> t
 
 def _averaged(image: NDArray[Any], pixels: Floats, reduction: int) -> NDArray[Any]:
     """Return the image at pixels, shape (n, 2), with means of square blocks of pixels."""
-    low = np.maximum(np.floor(pixels.min(axis=0) / reduction).astype(int), 0) * reduction
-    high = np.minimum(np.ceil(pixels.max(axis=0)).astype(int) + 1 + reduction, image.shape[::-1])
-    width, height = (high - low) // reduction
+    width, height = np.array(image.shape[::-1]) // reduction
     if reduction == 1 or not width * height:
         return interpolated(image, pixels)
-    part = image[low[1] : low[1] + height * reduction, low[0] : low[0] + width * reduction]
-    means = part.reshape(height, reduction, width, reduction).mean(axis=(1, 3))
+    part = image[: height * reduction, : width * reduction].astype(np.float32)
+    means = load_opencv().resize(part, (width, height), interpolation=load_opencv().INTER_AREA)
     # Half a block at the edges is extrapolated linearly.
-    means = np.pad(means, 1, mode="reflect", reflect_type="odd")
-    return _in_type(interpolated(means, (pixels - low + 0.5) / reduction + 0.5), image.dtype)
+    means = np.pad(means.reshape(height, width), 1, mode="reflect", reflect_type="odd")
+    return _in_type(interpolated(means, (pixels + 0.5) / reduction + 0.5), image.dtype)
 
 
 def interpolated(image: NDArray[Any], pixels: Floats) -> NDArray[Any]:

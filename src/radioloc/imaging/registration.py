@@ -22,6 +22,7 @@ from radioloc.imaging.homography import Homography
 from radioloc.imaging.image_chain import (
     MAX_PIXEL_GROWTH,
     ChainImage,
+    Detected,
     Frame,
     FrameStatus,
     ImageChain,
@@ -49,7 +50,6 @@ _COMMON_PIXEL_PART = 0.1 / math.sqrt(3.0)
 # The same for ground taken as a plane, as a part of the rms displacement by relief: it is equal for neighbouring tie
 # points, and places err as if four of them were independent. The noise of features is independent and averages out.
 _COMMON_RELIEF_PART = 0.5
-
 
 TIE_COLUMNS = (
     *("sample", "line", "residual_sample_px", "residual_line_px"),  # in images
@@ -98,7 +98,7 @@ class Registration:
     plane: TangentPlane
     map_sigma_m: tuple[float, float]
     common_sigma_m: float  # common to map features beside the map's tie, east and north
-    relief_sigma_m: float  # heights about the ground taken as a plane; zero where heights are modelled
+    height_sigma_m: float  # of heights about the plane, or about those of the elevation model
     sigma_factors: tuple[float, float]  # of stated sigmas in images and on the map, from residuals
     redundancy: int
     map_places_m: Floats  # adjusted places in the plane of the tie points with the map, shape (k, 2)
@@ -114,8 +114,8 @@ class Registration:
         """Return the place of a pixel of a registered image, by default its centre, with its covariance.
 
         The covariance includes errors of features and of the chain, and those common to all points: the map's tie,
-        0.058 of its pixel and, without relief, half of the rms displacement by relief. Without relief, an unknown
-        height h also displaces the place by h tan(tilt) along the ray of the pixel.
+        0.058 of its pixel and, without relief, half of the rms displacement by relief. An unknown height h displaces
+        the place by h tan(tilt) along its ray in the finest image with tie points on the map.
         """
         index, image = self._image(name)
         measured = np.asarray(image.centre if pixel is None else pixel, dtype=np.float64)
@@ -134,9 +134,9 @@ class Registration:
             )
         longitude, latitude = self.plane.to_longitude_latitude(place[np.newaxis])[0]
         common_m2 = np.square(self.map_sigma_m) + self.common_sigma_m**2
-        if self.relief_sigma_m:
-            slope = self.relief_sigma_m * self._slopes(index, undistorted[np.newaxis])
-            covariance = covariance + slope.T @ slope
+        if self.height_sigma_m:
+            displacement = self.height_sigma_m * self._map_slope(index, place)
+            covariance = covariance + np.outer(displacement, displacement)
         ground = self.plane.covariance_at(place, covariance) + np.diag(common_m2)
         return GroundPoint(float(longitude), float(latitude), ground)
 
@@ -216,32 +216,54 @@ class Registration:
 
     def _slopes(self, index: int, pixels: Floats) -> Floats:
         """Return the displacement east and north by height of the ground, tan(tilt), of undistorted pixels, (n, 2)."""
-        camera = [*self._images.values()][index][1].camera
+        camera = self._image_at(index).camera
         if camera is None:
             return np.zeros((len(pixels), 2))
         to_plane = self._pose(index, camera)[0].T @ np.linalg.inv(sight_matrix(camera))
         rays = np.insert(pixels, 2, 1.0, axis=1) @ to_plane.T
         return np.asarray(rays[:, :2] / rays[:, 2:])
 
-    def with_relief_sigma(self) -> Registration:
-        """Return the registration with the sigma of heights from residuals on the map beyond their stated noise.
+    def _map_slope(self, index: int, place: Floats) -> Floats:
+        """Return the displacement by height of the ground in the finest image tied to the map that shows a place."""
+        tied = (frame for frame in self.frames if frame.map_inliers >= _MIN_TIES)
+        for frame in sorted(tied, key=lambda frame: frame.pixel_m):
+            k, image = self._images[frame.name]
+            pixel = self._adjusted.model.pixels(np.array([k]), np.array([0]), place[np.newaxis])
+            if (np.abs(pixel[0] - image.centre) <= image.centre + 0.5).all():
+                return self._slopes(k, pixel)[0]
+        return self._slopes(index, self._image_at(index).centre[np.newaxis])[0]
 
-        Residuals are the displacements h tan(tilt) of the tie points by their heights h about the plane.
+    def _image_at(self, index: int) -> ChainImage:
+        return [*self._images.values()][index][1]
+
+    def with_height_sigma(self) -> Registration:
+        """Return the registration with the sigma of heights, from places on the map less those by the images.
+
+        An unknown height h displaces a tie point by h tan(tilt) along its rays; across them, differences are noise.
+        The difference of both variances, at least its standard error, is that of the displacements.
         """
         ties, result = self._ties, self._adjusted
-        on_map = ties.map_point[result.map_used]
-        slope2, number = np.zeros((2, ties.count))
+        projected = result.model.project(ties.image, ties.point, result.places_m)
+        by_image = np.linalg.solve(projected.by_place, result.residuals_px[:, :, np.newaxis])[:, :, 0]
+        slopes, moved, number = np.zeros((ties.count, 2)), np.zeros((ties.count, 2)), np.zeros(ties.count)
         for index in range(len(self._images)):
             used = self._used(index)
-            np.add.at(slope2, ties.point[used], (self._slopes(index, ties.pixels[used]) ** 2).sum(axis=1))
+            slopes[ties.point[used]] = self._slopes(index, ties.pixels[used])
+            np.add.at(moved, ties.point[used], by_image[used])
             np.add.at(number, ties.point[used], 1.0)
-        slopes2 = slope2[on_map] / np.maximum(number[on_map], 1.0)
-        excess_m2 = (result.map_residuals_m[result.map_used] ** 2).sum() - 2.0 * (
-            ties.map_sigma_m[result.map_used] ** 2
-        ).sum()
-        if not slopes2.any() or excess_m2 <= 0.0:
+        on_map = ties.map_point[result.map_used]
+        differences = result.map_residuals_m[result.map_used] - moved[on_map] / number[on_map, np.newaxis]
+        slopes = slopes[on_map]
+        slopes2 = (slopes**2).sum(axis=1)
+        if not slopes2.any():
             return self
-        return replace(self, relief_sigma_m=math.sqrt(excess_m2 / slopes2.sum()))
+        along = ((differences * slopes).sum(axis=1) ** 2).sum() / slopes2.sum()
+        across = ((differences * slopes[:, ::-1] * [1.0, -1.0]).sum(axis=1) ** 2).sum() / slopes2.sum()
+        error = math.hypot(along, across) * math.sqrt(2.0 / len(slopes))
+        variance = max(along - across, error) / slopes2.mean()
+        common_m = 0.0 if self.relief else _COMMON_RELIEF_PART * math.sqrt(0.5 * variance * slopes2.mean())
+        common_m = max(self.common_sigma_m, common_m)
+        return replace(self, height_sigma_m=math.sqrt(variance), common_sigma_m=common_m)
 
     def pose_covariance(self, name: str) -> Floats | None:
         """Return the covariance of a pose relative to the map, shape (6, 6); None for an image without adjusted pose.
@@ -324,16 +346,18 @@ def register_chain(
     search_area: tuple[float, float, float] | None = None,
     terrain: TerrainModel | None = None,
     progress: Callable[[Iterable[Frame]], Iterable[Frame]] = iter,
+    detected: Detected | None = None,
 ) -> Registration:
     """Register the images of a descent, in order from high to low, to a map.
 
     `map_sigma_m` is the tie of the map to the Moon's axes, east and north. `mask` selects pixels of the ground.
     `search_area` is longitude and latitude, degrees, and a radius, m. With `terrain` and cameras, images have poses
-    over relief; without, or where it lacks half of an image's tie points, the ground is a plane. Images out of order
-    are an `InputError`, images of which none is found on the map a `ConvergenceError`.
+    over relief; without, or where it lacks half of an image's tie points, the ground is a plane. `detected` keeps the
+    features of images and their matches for the next map. Images out of order are an `InputError`, images of which none
+    is found on the map a `ConvergenceError`.
     """
     plane = base.plane() if search_area is None else TangentPlane(*search_area[:2])
-    chain = ImageChain(frames, MapFeatures(base, plane), mask, search_area)
+    chain = ImageChain(frames, MapFeatures(base, plane), mask, search_area, detected)
     for frame in progress(frames):
         chain.add(frame)
     chain.require_descent()
@@ -386,7 +410,7 @@ def adjusted_registration(
         plane=chain.map.plane,
         map_sigma_m=map_sigma_m,
         common_sigma_m=common_m,
-        relief_sigma_m=0.0,
+        height_sigma_m=0.0,
         sigma_factors=result.sigma_factors,
         redundancy=result.redundancy,
         map_places_m=result.places_m[ties.map_point[result.map_used]],
@@ -396,7 +420,7 @@ def adjusted_registration(
         _adjusted=result,
         _images={chain.images[number].name: (k, chain.images[number]) for k, number in enumerate(numbers)},
     )
-    return registration if relief else registration.with_relief_sigma()
+    return registration.with_height_sigma()
 
 
 def common_relief_m(ties: TiePoints, result: Adjusted) -> float:

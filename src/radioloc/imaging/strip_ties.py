@@ -14,9 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.imaging.matching import Features, detect, match
-from radioloc.imaging.mosaic import Window, common_windows, read_cells
+from radioloc.imaging.mosaic import common_window, common_windows, read_cells, slices_in
 from radioloc.imaging.sensor_models import SensorModel
 from radioloc.imaging.strip_adjustment import GroundTies, pixel_size_m
 from radioloc.imaging.surfaces import Terrain
@@ -39,17 +38,18 @@ def find_ground_ties(
     features: list[Features] = []
     images: list[int] = []
     pairs = [np.zeros((0, 2), np.int64)]
+    from rasterio.windows import Window
+
     with ExitStack() as closing:
         datasets = [closing.enter_context(open_dataset(path)) for path in orthophotos]
-        windows, transform = common_windows(datasets)
-        radius = max(_MIN_SEARCH_CELLS, radius_m / transform.a)
-        rows, columns = (max(w[k] + w[k + 2] for w in windows) for k in (0, 1))
+        windows, grid = common_windows(datasets)
+        radius = max(_MIN_SEARCH_CELLS, radius_m / grid.resolution_m)
         first = 0
-        for row in range(0, rows, _TILE_CELLS):
-            for column in range(0, columns, _TILE_CELLS):
-                tile = Window(row, column, min(_TILE_CELLS, rows - row), min(_TILE_CELLS, columns - column))
+        for row in range(0, grid.rows, _TILE_CELLS):
+            for column in range(0, grid.columns, _TILE_CELLS):
+                tile = Window(column, row, _TILE_CELLS, _TILE_CELLS)
                 in_tile: list[tuple[Features, int]] = []
-                shown = [k for k, window in enumerate(windows) if tile.common(window)]
+                shown = [k for k, window in enumerate(windows) if common_window(tile, window)]
                 for k in shown if len(shown) > 1 else ():
                     part = _tile_features(datasets[k], windows[k], tile)
                     in_tile.append((part, first))
@@ -59,17 +59,15 @@ def find_ground_ties(
                 for (first_part, i), (second_part, j) in combinations(in_tile, 2):
                     matches = match(first_part, second_part, np.eye(3), radius)
                     pairs.append(np.column_stack([i + matches.first, j + matches.second]))
-        grid = MapGrid.of_map(datasets[0].crs, transform, rows, columns, MEAN_LUNAR_RADIUS_M)
     return _joined(features, np.array(images, np.int64), np.concatenate(pairs), models, terrain, grid)
 
 
-def _tile_features(dataset: Any, window: Window, tile: Window) -> Features:
+def _tile_features(dataset: Any, window: Any, tile: Any) -> Features:
     """Detect the features of an orthophoto in a tile, at cells of the common grid."""
-    common = tile.common(window)
-    assert common is not None
-    image, valid = eight_bit(read_cells(dataset, common.slices_in(window)))
+    common = common_window(tile, window)
+    image, valid = eight_bit(read_cells(dataset, slices_in(common, window)))
     features = detect(image, valid, _TILE_FEATURES)
-    return features._replace(pixels=features.pixels + np.array([common.column, common.row]))
+    return features._replace(pixels=features.pixels + np.array([common.col_off, common.row_off]))
 
 
 def _joined(

@@ -12,8 +12,9 @@ from rasterio.transform import Affine
 from terrain_maps import EQC
 
 from radioloc.errors import DataQualityWarning, InputError
-from radioloc.imaging import locate_images, read_image_study
+from radioloc.imaging import image_chain, locate_images, read_image_study
 from radioloc.imaging.map_choice import confidence_ellipse, find_candidates
+from radioloc.imaging.matching import detect
 from radioloc.imaging.study import ImageChoice
 from radioloc.lunar import TangentPlane
 from radioloc.time import epochs_from_strings
@@ -100,8 +101,12 @@ def test_ellipse_of_a_recorded_solution_contains_95_percent():
 
 
 @pytest.mark.study
-def test_positions_on_two_maps_are_compared(tmp_path):
-    """The second map is the first one, shifted; a third one is mirrored."""
+def test_positions_on_two_maps_are_compared(tmp_path, monkeypatch):
+    """The second map is the first one, shifted; a third one is mirrored. Features are detected once."""
+    detected = []
+    monkeypatch.setattr(
+        image_chain, "detect", lambda image, *rest: detected.append(image.tobytes()) or detect(image, *rest)
+    )
     study = read_image_study(EXAMPLE / "descent.toml")
     first = study.images.base_map
     with rasterio.open(first) as file:
@@ -130,3 +135,4 @@ def test_positions_on_two_maps_are_compared(tmp_path):
     )
     assert "map.tif served" in str(solution)
     assert json.dumps(solution.to_dict()["maps"])
+    assert len(detected) == len(set(detected))

@@ -3,6 +3,7 @@
 from dataclasses import replace
 from functools import cache
 
+import cv2
 import numpy as np
 import pytest
 from procedural_descents import Descent
@@ -11,7 +12,6 @@ from procedural_ground import Ground
 from radioloc.errors import InputError
 from radioloc.imaging import Camera, FrameModel, Terrain
 from radioloc.imaging.adjustment import TiePoints, adjust, approximate_places
-from radioloc.imaging.homography import fit_homography
 from radioloc.imaging.image_chain import Frame, ImageChain
 from radioloc.imaging.map_features import MapFeatures
 from radioloc.imaging.projections import Homographies, Poses, Relief
@@ -88,7 +88,7 @@ def drawn_ties(terrain, rng, sigma_px=0.0, map_sigma_m=0.0):
 def homographies(ties, places):
     """Fit homographies of a plane."""
     fits = [
-        fit_homography(places[ties.point[k]], ties.pixels[k], 30.0, 3.0)
+        cv2.findHomography(places[ties.point[k]], ties.pixels[k])[0]
         for k in ties.image == np.arange(6)[:, None]
     ]
     return np.array(fits)

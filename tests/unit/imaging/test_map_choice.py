@@ -105,7 +105,9 @@ def test_positions_on_two_maps_are_compared(tmp_path, monkeypatch):
     """The second map is the first one, shifted; a third one is mirrored. Features are detected once."""
     detected = []
     monkeypatch.setattr(
-        image_chain, "detect", lambda image, *rest: detected.append(image.tobytes()) or detect(image, *rest)
+        image_chain,
+        "detect",
+        lambda image, *options: detected.append(image.tobytes()) or detect(image, *options),
     )
     study = read_image_study(EXAMPLE / "descent.toml")
     first = study.images.base_map

@@ -323,9 +323,9 @@ class _GrossErrorSearch:
         last = int(np.searchsorted(time_s, end_s, side="right")) - 1
         width_s = self.hypotheses.problem.width_s(hypothesis.links) if hypothesis.kind == "jump" else 0.0
         if width_s > 0.0:  # locate the step within its bins
-            near = np.flatnonzero(np.abs(time_s - begin_s) <= 3.0 * width_s)
-            signs = np.array([hypothesis.links[code] for code in order.code[rows[near]].tolist()])
-            first = int(near[_step_index(signs * fit.residual_m[rows[near]])])
+            near_rows = np.flatnonzero(np.abs(time_s - begin_s) <= 3.0 * width_s)
+            signs = np.array([hypothesis.links[code] for code in order.code[rows[near_rows]].tolist()])
+            first = int(near_rows[_step_index(signs * fit.residual_m[rows[near_rows]])])
         first_utc, last_utc = utc_strings(self.epoch_utc[rows[[first, last]]], decimals=0)
         return str(first_utc), "" if math.isinf(end_s) else str(last_utc)
 
@@ -365,7 +365,7 @@ def _with_alternatives(
 
 
 def _is_possible(item: _Candidate, best: _Candidate, products: ScoreProducts, noise_dof: float) -> bool:
-    """Return whether the best error is no longer significant once another one is estimated (separability)."""
+    """Return whether the best error becomes insignificant once another one is estimated (separability)."""
     union = products.test(tuple(dict.fromkeys((*item.indices, *best.indices))))
     assert union is not None  # a part of it is determined
     chi2, dof = union.chi2 - item.score_test.chi2, union.dof - item.score_test.dof

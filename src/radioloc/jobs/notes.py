@@ -345,13 +345,17 @@ def _is_reproducible(study: Study, observations: Observations) -> bool:
 
 def _target_record(study: Study) -> dict[str, Any]:
     """Return the a-priori state of the first orbiter, or position of the first point, and the known trajectory."""
-    known, point = next(iter(study.trajectories.values()), None), next(iter(study.points.values()), None)
+    trajectory, point = next(iter(study.trajectories.values()), None), next(iter(study.points.values()), None)
     apriori = None if point is None else {"frame": point.frame, "xyz_m": point.xyz_m.tolist()}
     if study.orbiter is not None:
         apriori = study.orbiter.record()
     elif study.described and point is None:
         apriori = plain(next(iter(study.described.values())))
-    record = None if known is None else {"body": known.body, **kernel_record(known.kernel, known.name)}
+    record = (
+        None
+        if trajectory is None
+        else {"body": trajectory.body, **kernel_record(trajectory.kernel, trajectory.name)}
+    )
     return {"a_priori": apriori, "trajectory": record}
 
 

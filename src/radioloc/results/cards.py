@@ -46,7 +46,7 @@ class Field:
     lines: Iterable[str] = ()
     heading: Sequence[str] = ()
     rows: Iterable[Sequence[str]] = ()
-    below: Iterable[str] = ()
+    remarks: Iterable[str] = ()
     hidden: Iterable[Sequence[str]] = ()
     file: str = ""
     section: str = RESULT
@@ -54,7 +54,7 @@ class Field:
     def __post_init__(self) -> None:
         for name in ("label", "file"):
             set_fields(self, **{name: visible(getattr(self, name))})
-        for name in ("lines", "heading", "below"):
+        for name in ("lines", "heading", "remarks"):
             set_fields(self, **{name: tuple(map(visible, getattr(self, name)))})
         for name in ("rows", "hidden"):
             set_fields(self, **{name: tuple(tuple(map(visible, row)) for row in getattr(self, name))})
@@ -62,7 +62,7 @@ class Field:
     @property
     def is_empty(self) -> bool:
         """True if the field has a label only."""
-        return not (self.lines or self.rows or self.below or self.hidden)
+        return not (self.lines or self.rows or self.remarks or self.hidden)
 
     def html(self, title: str, verdict: str = "") -> str:
         """Render as an entry of a description list; the title names tables without a label."""
@@ -71,15 +71,15 @@ class Field:
         content += html_table(self.heading, self.rows, name) if self.rows else ""
         if self.hidden:
             content += folded(f"{self._hidden_count} more", html_table(self.heading, self.hidden, name))
-        content += "".join(f"<p>{html.escape(line)}</p>" for line in self.below)
+        content += "".join(f"<p>{html.escape(line)}</p>" for line in self.remarks)
         status = f' class="status {verdict}"' if self.label == "status" else ""
         return f"<div{status}><dt>{html.escape(self.label)}</dt><dd>{content}</dd></div>"
 
     def text(self) -> list[str]:
         """Render as lines of text, without the label."""
         table = text_table(self.heading, self.rows, WIDTH - _LABEL_WIDTH) if self.rows else []
-        count = more(self._hidden_count, 0, self.file) if self.file else ()
-        return [*_wrapped(self.lines), *table, *_wrapped((*count, *self.below))]
+        count = remaining_line(self._hidden_count, 0, self.file) if self.file else ()
+        return [*_wrapped(self.lines), *table, *_wrapped((*count, *self.remarks))]
 
     @property
     def _hidden_count(self) -> int:
@@ -170,12 +170,10 @@ def html_table(heading: Sequence[str], rows: Iterable[Sequence[str]], label: str
     names = zip(heading, kinds, strict=True)
     head = (f'<th scope="col" class="{kind}">{html.escape(name)}</th>' for name, kind in names)
     body = []
-    for first, *others in rows:
-        cells = (
-            f'<td class="{kind}">{html.escape(cell)}</td>'
-            for cell, kind in zip(others, kinds[1:], strict=True)
-        )
-        body.append(f'<tr><th scope="row" class="{kinds[0]}">{html.escape(first)}</th>{"".join(cells)}</tr>')
+    for first, *cells in rows:
+        columns = zip(cells, kinds[1:], strict=True)
+        row = "".join(f'<td class="{kind}">{html.escape(cell)}</td>' for cell, kind in columns)
+        body.append(f'<tr><th scope="row" class="{kinds[0]}">{html.escape(first)}</th>{row}</tr>')
     return (
         f'<div class="scroll" role="region" aria-label="{html.escape(label)}" tabindex="0"><table><thead><tr>'
         f"{''.join(head)}</tr></thead><tbody>{''.join(body)}</tbody></table></div>"
@@ -221,21 +219,21 @@ def table(
     heading: Sequence[str],
     rows: Sequence[Sequence[str]],
     max_rows: int,
-    below: Iterable[str] = (),
+    remarks: Iterable[str] = (),
     file: str = "solution.json",
 ) -> Field:
     """Return a field with a table, whose rows beyond the first are in a file."""
-    return Field(label, (), heading, rows[:max_rows], below, rows[max_rows:], file)
+    return Field(label, (), heading, rows[:max_rows], remarks, rows[max_rows:], file)
 
 
-def more(count: int, shown: int, file: str = "solution.json") -> tuple[str, ...]:
+def remaining_line(count: int, shown: int, file: str = "solution.json") -> tuple[str, ...]:
     """Return a line with the number of items that are not shown."""
     return (f"{count - shown} more in {file}",) if count > shown else ()
 
 
 def first_lines(lines: Sequence[str], max_lines: int) -> tuple[str, ...]:
     """Return the first lines, and one with the number of further lines."""
-    return (*lines[:max_lines], *more(len(lines), max_lines))
+    return (*lines[:max_lines], *remaining_line(len(lines), max_lines))
 
 
 def plural(count: int, noun: str, ending: str = "s") -> str:

@@ -24,8 +24,8 @@ from radioloc.results.cards import (
     first_lines,
     in_section,
     metres,
-    more,
     plural,
+    remaining_line,
     signed_metres,
     table,
 )
@@ -270,7 +270,7 @@ def _rejected_lines(residuals: Residuals) -> Iterator[str]:
             reason = f"{reasons[rows[0]]}, the largest: {figures}" if figures else reasons[rows[0]]
         yield f"{times} {links[rows[0]]}: {reason}"
         shown_count += len(rows)
-    yield from more(len(order), shown_count)
+    yield from remaining_line(len(order), shown_count)
 
 
 def _rejected_rows(residuals: Residuals) -> NDArray[np.intp]:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from radioloc.estimation.statistics import finite_or_none
 from radioloc.labels import Labels
 from radioloc.quantities import TableForm, as_table
-from radioloc.results.cards import Card, Field, more, plural
+from radioloc.results.cards import Card, Field, plural, remaining_line
 from radioloc.results.result import Result
 from radioloc.time import Epochs, utc_strings
 
@@ -130,7 +130,7 @@ class LightTimes(Result):
             ]
             cells = zip(dates, *columns, strict=True)
             if len(rows):
-                yield Field("", [text], heading, cells, more(len(rows), len(first), _FILE))
+                yield Field("", [text], heading, cells, remaining_line(len(rows), len(first), _FILE))
 
 
 @dataclass(frozen=True, slots=True)

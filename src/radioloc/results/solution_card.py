@@ -212,8 +212,8 @@ def sigma_levels(solutions: Iterable[Solution]) -> Iterable[str]:
 def _status_lines(solution: Solution) -> Iterator[str]:
     """Yield the end of the fit, the reason why it is not usable, and findings that move the position."""
     if not solution.parameters.free.any():
-        where = "at the given position" if solution.trajectory is None else "along the given trajectory"
-        yield f"NO FIT: observed minus computed {where}"
+        place = "at the given position" if solution.trajectory is None else "along the given trajectory"
+        yield f"NO FIT: observed minus computed {place}"
         return
     state = "CONVERGED" if solution.converged else solution.status.upper()
     iterations = plural(solution.iterations, "iteration")

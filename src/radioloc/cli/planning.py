@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -117,6 +118,9 @@ def light_time(options: argparse.Namespace) -> int:
 
 
 _WORKERS = argument("--workers N", "processes (default: one for each core with 50 trials or sites)", int)
+_SCHEDULER = argument(
+    "--scheduler ADDRESS", "run on the Dask cluster of this scheduler, such as tcp://host:8786"
+)
 _RESUME = flag("--resume", "continue from the trials or sites in DIR")
 _SEED = argument("--seed N", "seed of the random numbers (default: of the study)", int)
 
@@ -152,6 +156,7 @@ def simulate(options: argparse.Namespace) -> int:
     ARC_HOURS,
     _SEED,
     _WORKERS,
+    _SCHEDULER,
     *output_folder(),
     _RESUME,
     flag("--full", "fit every trial with the whole model rather than its linearization; slow"),
@@ -175,13 +180,17 @@ def monte_carlo(options: argparse.Namespace) -> int:
 
 def _resumable(options: argparse.Namespace, run: Callable[..., Result], trials: int) -> int:
     """Run trials or sites on the requested workers, and finish; an interrupt names the option that continues."""
-    from radioloc.jobs.workers import usual_workers
+    from radioloc.jobs.workers import dask_client, usual_workers
 
     if options.resume and options.out is None:
         options.parser.error("--resume needs --out DIR, where the trials or sites are")
+    if options.scheduler and options.workers is not None:
+        options.parser.error("expected --workers or --scheduler, got both")
     count = usual_workers(trials) if options.workers is None else options.workers
+    workers = dask_client(options.scheduler) if options.scheduler else nullcontext(count)
     try:
-        result = run(workers=count, out=options.out, resume=options.resume, progress=not options.quiet)
+        with workers as pool:
+            result = run(workers=pool, out=options.out, resume=options.resume, progress=not options.quiet)
     except KeyboardInterrupt:
         keeps = f"{options.out} keeps" if options.out else "with --out DIR, it keeps"
         complain(f"interrupted; {keeps} what is computed so far, and the same command with --resume goes on")
@@ -203,6 +212,7 @@ def _resumable(options: argparse.Namespace, run: Callable[..., Result], trials: 
     argument("--grid DEG", "map the accuracy of landing sites at this distance", float),
     argument("--region DEG", "edges of the map: WEST SOUTH EAST NORTH", float, nargs=4),
     _WORKERS,
+    _SCHEDULER,
     _RESUME,
     *output_folder(),
     examples=(
@@ -220,8 +230,8 @@ def covariance(options: argparse.Namespace) -> int:
         options.parser.error("expected study files of different names; rename one")
     if options.grid is not None:
         return _map(options, studies)
-    if options.resume:
-        options.parser.error("--resume is of maps; expected --grid")
+    if options.resume or options.scheduler:
+        options.parser.error("--scheduler and --resume are of maps; expected --grid")
     plans = [radioloc.covariance(study, options.hours, reach_m=options.reach) for study in studies]
     if len(plans) == 1:
         return finish(options, plans[0])

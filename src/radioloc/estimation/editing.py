@@ -143,7 +143,7 @@ def fit_with_editing(
         )
         residual_m = linearization.residual_m
     last_fit = None if previous is None else previous.fit
-    scale, selections = editor.spread(residual_m), list[NDArray[np.bool_]]()
+    scale, selections, excess = editor.spread(residual_m), list[NDArray[np.bool_]](), ""
     while True:
         limit_m = threshold * max(1.0, scale) * noise.sigma_m
         if last_fit is not None and process is None:  # leverages of process noise are not in the partials
@@ -152,10 +152,16 @@ def fit_with_editing(
         if selections and np.array_equal(used, selections[-1]):
             return EditedFit(result, initial_status, scale, len(selections))
         selection = editor.check(_break_rejection_cycle(used, selections), len(selections), threshold)
+        is_distant = last_fit is None and not selection.complete
+        if is_distant:  # too many residuals of the robust start are large: those of a fit decide
+            excess, selection = selection.message, _Selection(editor.usable)
+        elif excess and not selection.complete:
+            selection = selection._replace(message=excess)
         selections.append(selection.used)
         last_fit = result = editor.fit(selection.used, x, linearization)
         x, linearization, residual_m = result.x, result.linearization, result.residual_m
-        scale = editor.spread(residual_m)
+        # Outliers that are used enlarge the residuals of all.
+        scale = min(scale if is_distant else np.inf, editor.spread(residual_m))
         if selection.message or result.status in (FitStatus.DIVERGED, FitStatus.MAX_ITERATIONS):
             passes, message = len(selections), selection.message
             return EditedFit(result, initial_status, scale, passes, selection.complete, message)

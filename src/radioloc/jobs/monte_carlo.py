@@ -74,8 +74,9 @@ def monte_carlo(
         The simulation's where not given. The same seed gives the same trials, however and wherever they are run; a
         trial does not depend on how many others there are.
     workers : int or executor
-        Number of processes; or an executor such as those of :mod:`concurrent.futures` and ``mpi4py.futures``. A script
-        with several processes needs ``if __name__ == "__main__":``, as they are spawned.
+        Number of processes; or an executor such as those of :mod:`concurrent.futures` and ``mpi4py.futures``, or the
+        ``distributed.Client`` of a Dask cluster. A script with several processes needs ``if __name__ == "__main__":``,
+        as they are spawned.
     out : path-like, optional
         Folder that keeps the trials as they are made, so that a study can be resumed. Without `resume`, those that are
         there from before are removed.

@@ -42,6 +42,8 @@ _EQUATOR_M_S = 465.1  # speed of a station on the Earth's equator
 _MIN_AXES_IMPROVEMENT = (
     3.0  # ratio of distances; principal and mean-Earth axes are 0.8 km apart on the ground
 )
+# part of the squared residuals by motion within intervals of process noise; beyond it sigmas are 1.8 times too small
+_MAX_PROCESS_PART = 0.5
 _MAX_RELATIVE_OFFSET = 1e-4  # relative frequency offset of a simple quartz oscillator
 _NOTED_TERMS = ("ionosphere", "troposphere")  # electron content is considered, and a zenith delay has a note
 _RECORDED_KEYS = (
@@ -81,12 +83,32 @@ def study_notes(
             "libration is considered, and no [estimate] ephemeris_sigma_m is given"
         )
     notes += _frequency_notes(study, fitted)
+    notes += _process_notes(arc, estimate, fitted)
     notes += [
         f'no {key} is estimated, though [estimate] asks for "all": no observation depends on it'
         for key, choice in estimate.parameters.items()
         if choice.names == "all" and key not in estimated
     ]
     return notes
+
+
+def _process_notes(arc: Predictor, estimate: EstimateChoice, fitted: EditedFit) -> Iterator[str]:
+    """Yield a note on intervals of stochastic accelerations in which the velocity varies more than Doppler allows."""
+    noise = None if estimate.orbit is None else estimate.orbit.process_noise
+    observations = arc.observations
+    counts = fitted.fit.used & (observations.count_s > 0.0)
+    if noise is None or not counts.any():
+        return
+    ways = np.array([2.0 if link.transmitter else 1.0 for link in observations.links])[observations.link]
+    rates_m_s = fitted.fit.residual_m[counts] / (observations.count_s * ways)[counts]
+    rms_m_s, within_m_s = float(np.sqrt(np.mean(rates_m_s**2))), noise.velocity_within_m_s
+    if within_m_s**2 > _MAX_PROCESS_PART * rms_m_s**2:
+        yield (
+            f"within the intervals of the stochastic accelerations, {noise.interval_s:g} s, the velocity varies by "
+            f"{1e3 * within_m_s:.2g} mm/s, and the residuals are {1e3 * rms_m_s:.2g} mm/s (rms, one way): errors are "
+            "correlated, and the sigmas of the orbit are too small. Give a shorter interval_s, and sigmas larger by "
+            "the square root of the ratio"
+        )
 
 
 def _frequency_notes(study: Study, fitted: EditedFit) -> Iterator[str]:

@@ -1,8 +1,9 @@
 """Workers that run the trials of a study or the sites of a map: this process, or an executor.
 
 An executor has ``submit(function, *arguments)``, which returns a future with ``result``, ``cancel`` and
-``add_done_callback``: those of :mod:`concurrent.futures` and of MPI. A job is an object with a method
-``run(seed, trials)``. Processes of this machine read it from a file, other executors get it with each chunk of trials.
+``add_done_callback``: those of :mod:`concurrent.futures`, of MPI, or the client of a Dask cluster. A job is an object
+with a method ``run(seed, trials)``. Processes of this machine read it from a file, a Dask cluster gets it once, other
+executors get it with each chunk of trials.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from __future__ import annotations
 import os
 import pickle
 import signal
+import sys
 import threading
 from collections.abc import Iterator, Sequence
 from concurrent.futures import BrokenExecutor, CancelledError, ProcessPoolExecutor
@@ -25,7 +27,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.errors import InputError, RadiolocError
+from radioloc.lazy import optional
 from radioloc.plugins import registered_names
+from radioloc.study.record import versions
 from radioloc.text_files import scratch_folder
 
 Chunk = Sequence[int]  # Numbers of trials that are run together
@@ -36,6 +40,7 @@ _THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "VECLI
 
 _MIN_TRIALS_PER_PROCESS = 50  # They take several times as long as the start of the process
 _CHUNKS_PER_WORKER = 4
+_CONNECTION_TIMEOUT_S = 10.0
 
 _CAN_MASK = hasattr(signal, "pthread_sigmask")
 
@@ -85,7 +90,7 @@ class Workers:
             for _ in chunks:
                 future = done.get()
                 yield futures[future], future.result()
-        except (BrokenExecutor, CancelledError) as error:
+        except _losses() as error:
             hint = f": {_GUARD}; or the system killed it, as for lack of memory" if self.folder else ""
             raise RadiolocError(
                 f"the executor lost its workers before the trials ended{hint}; start it again"
@@ -103,7 +108,10 @@ class Workers:
             file = self.folder / f"job{len(list(self.folder.iterdir()))}.pickle"
             file.write_bytes(content)
             return file
-        return content
+        if not hasattr(self.executor, "scatter"):
+            return content
+        _check_versions(self.executor)
+        return self.executor.scatter(content, broadcast=True, hash=False)
 
 
 @contextmanager
@@ -115,7 +123,8 @@ def open_workers(workers: Any = 1) -> Iterator[Workers]:
             f"{workers!r}; entry points of a package serve several processes"
         )
     if hasattr(workers, "submit"):
-        yield Workers(0, workers)
+        threads = workers.nthreads() if hasattr(workers, "nthreads") else {}
+        yield Workers(sum(threads.values()), workers)
     elif isinstance(workers, bool) or not isinstance(workers, int) or workers < 1:
         raise InputError(
             f"workers: expected a number of processes above zero, or an executor with submit, got {workers!r}"
@@ -133,6 +142,27 @@ def open_workers(workers: Any = 1) -> Iterator[Workers]:
                 pool.shutdown(cancel_futures=True)
 
 
+@contextmanager
+def dask_client(address: str) -> Iterator[Any]:
+    """Provide the client of a Dask cluster by the address of its scheduler until the block ends."""
+    distributed = optional("distributed", "a Dask cluster needs the package distributed:", "dask")
+    try:
+        client = distributed.Client(address, timeout=_CONNECTION_TIMEOUT_S, set_as_default=False)
+    except (OSError, ValueError) as error:
+        raise InputError(
+            f"Dask scheduler {address}: cannot be reached ({' '.join(str(error).split())}); expected an address such "
+            "as tcp://host:8786 of a running `dask scheduler`"
+        ) from None
+    with client:
+        yield client
+
+
+def _losses() -> tuple[type[Exception], ...]:
+    """Return the errors of executors that lose their workers."""
+    distributed = sys.modules.get("distributed")  # a client implies that it is imported
+    return BrokenExecutor, CancelledError, *([] if distributed is None else [distributed.KilledWorker])
+
+
 def _start(pool: ProcessPoolExecutor, count: int) -> None:
     try:
         with _spawning():
@@ -140,6 +170,27 @@ def _start(pool: ProcessPoolExecutor, count: int) -> None:
                 pool.submit(_import_what_jobs_need)
     except RuntimeError:  # in a script that its own spawned process imports
         raise InputError(_GUARD) from None
+
+
+def _check_versions(client: Any) -> None:
+    """Refuse a cluster whose workers have other versions of the packages that compute."""
+    expected = versions()
+    try:
+        versions_by_worker = client.run(versions)
+    except (ImportError, AttributeError) as error:
+        raise InputError(
+            f"a worker of the Dask cluster has another radioloc or none ({error}); install radioloc "
+            f"{expected['radioloc']} on all workers"
+        ) from error
+    if not versions_by_worker:
+        raise InputError("the Dask cluster has no workers; start at least one")
+    for worker, installed in versions_by_worker.items():
+        for name, version in expected.items():
+            if installed.get(name) != version:
+                raise InputError(
+                    f"worker {worker} of the Dask cluster: expected {name} {version}, got {installed.get(name)}; "
+                    "install the same versions on all workers"
+                )
 
 
 @contextmanager

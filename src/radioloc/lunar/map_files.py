@@ -6,6 +6,7 @@ Formats of rasterio (GDAL): PDS3 and PDS4 images by their label, ISIS cubes, Geo
 from __future__ import annotations
 
 import hashlib
+import logging
 import re
 import sys
 import warnings
@@ -26,6 +27,7 @@ LUNAR_SPHERES_M = (1.735e6, 1.739e6)
 _BLOCK_CELLS = 512
 _DIGEST_LIMIT_BYTES = 256 * 1024 * 1024
 _LABEL_BYTES = 262144
+_END_BYTES = 1024  # A PNG file ends with the chunk IEND, of 12 bytes; editors append little
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +63,6 @@ def open_map_file(path: Path, kinds: str, description: str) -> Iterator[MapFile]
     require_file(path)
     try:
         with open_dataset(path) as dataset, np.errstate(over="raise", divide="raise", invalid="raise"):
-            _refuse_cut_image(path, dataset)
             kind = np.dtype(dataset.dtypes[0])
             if dataset.count != 1 or f"{kind.kind}{kind.itemsize}" not in kinds.split():
                 raise FileFormatError(
@@ -89,17 +90,47 @@ def open_map_file(path: Path, kinds: str, description: str) -> Iterator[MapFile]
 
 
 def open_dataset(path: Path | str, **options: Any) -> Any:
-    """Open a file, or GDAL's text of a virtual one, by rasterio without its warnings."""
+    """Open a file, or GDAL's text of a virtual one, by rasterio without its warnings; a cut file is an error."""
     rasterio = load_rasterio()
+    messages = _Messages()
+    logger = logging.getLogger("rasterio")
     with warnings.catch_warnings():
         # a map without georeferencing is refused below, with the remedy
         warnings.simplefilter("ignore", rasterio.errors.NotGeoreferencedWarning)
         # GDAL's messages repeat a label, and where it is not UTF-8 Python would show a traceback
         hook, sys.unraisablehook = sys.unraisablehook, lambda _: None
+        logger.addHandler(messages)
         try:
-            return rasterio.open(path, **options)
+            dataset = rasterio.open(path, **options)
         finally:
+            logger.removeHandler(messages)
             sys.unraisablehook = hook
+    if "IO error" in messages.text or (isinstance(path, Path) and _is_cut(path, dataset)):
+        dataset.close()
+        raise FileFormatError(path, "was cut: its end is missing; fetch it again")
+    return dataset
+
+
+class _Messages(logging.Handler):
+    """Collect messages of GDAL, which reads a TIFF file without the scale and unit that its lost end had."""
+
+    text = ""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Append a message."""
+        self.text += record.getMessage()
+
+
+def _is_cut(path: Path, dataset: Any) -> bool:
+    """Return True for a raw or PNG image of which GDAL reads zeros in place of the missing end."""
+    with path.open("rb") as stream:
+        if dataset.driver == "PNG":
+            stream.seek(max(0, path.stat().st_size - _END_BYTES))
+            return b"IEND" not in stream.read()
+        if dataset.driver != "ENVI" or stream.read(2) == b"\x1f\x8b":  # compressed
+            return False
+    cells = dataset.width * dataset.height * np.dtype(dataset.dtypes[0]).itemsize
+    return path.stat().st_size < cells + int(dataset.tags(ns="ENVI").get("header_offset", 0))
 
 
 def new_geotiff(
@@ -118,19 +149,6 @@ def new_geotiff(
     }  # fmt: skip
     predictor = 3 if np.issubdtype(dtype, np.floating) else 2
     return load_rasterio().open(path, "w", driver="GTiff", compress="deflate", predictor=predictor, **profile)
-
-
-def _refuse_cut_image(path: Path, dataset: Any) -> None:
-    """Refuse a truncated raw image, of which GDAL reads zeros in place of missing cells."""
-    if dataset.driver != "ENVI":
-        return
-    with path.open("rb") as stream:
-        if stream.read(2) == b"\x1f\x8b":  # compressed
-            return
-    cells = dataset.width * dataset.height * np.dtype(dataset.dtypes[0]).itemsize
-    needed, held = cells + int(dataset.tags(ns="ENVI").get("header_offset", 0)), path.stat().st_size
-    if held < needed:
-        raise FileFormatError(path, f"was cut: expected at least {needed} bytes, got {held}; fetch it again")
 
 
 def _label(path: Path, driver: str) -> str:

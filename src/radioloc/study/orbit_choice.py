@@ -131,6 +131,14 @@ class ProcessNoise:
         return np.array([self.radial_m_s2, self.along_m_s2, self.across_m_s2])
 
     @property
+    def velocity_within_m_s(self) -> float:
+        """Rms departure of the velocity from its course by constant accelerations, m/s, for white noise."""
+        # White noise of the spectral density S = sigma^2 T makes the velocity within an interval T a Brownian bridge
+        # about that course, of the mean variance S T / 6. A Gauss-Markov process longer than an interval is smooth.
+        is_white = self.correlation_s < self.interval_s
+        return float(self.sigma_m_s2.max()) * self.interval_s / math.sqrt(6.0) * is_white
+
+    @property
     def persistence(self) -> float:
         """Correlation of an acceleration with that of the next interval."""
         return math.exp(-self.interval_s / self.correlation_s) if self.correlation_s else 0.0

@@ -91,6 +91,17 @@ def test_any_start_within_50_km_gives_the_same_answer(direction, apollo15, solut
     assert apart_m(fitted, solution) < START_M
 
 
+@pytest.mark.study
+def test_tracking_with_outliers_starts_anywhere_on_the_near_side():
+    """Residuals 2,000 km from the estimate do not decide which observations are outliers."""
+    study = radioloc.read_study(EXAMPLES / "change5" / "change5.toml")
+    distant = replace(study, target=LunarPosition.from_selenographic(10.0, 5.0, -1000.0))
+    fitted, expected = radioloc.locate(distant), radioloc.locate(study)
+    assert fitted.converged
+    assert list(fitted.residuals.status) == list(expected.residuals.status)
+    assert apart_m(fitted, expected) < START_M
+
+
 @pytest.mark.parametrize("form", some(["geographic", "cartesian"], ["cartesian"]))
 def test_frames_and_forms_agree(form, apollo15, near15, model, solution):
     for axes in ("PA", "ME"):

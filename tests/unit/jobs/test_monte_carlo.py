@@ -17,13 +17,16 @@ from quick import some
 import radioloc
 from radioloc import Study
 from radioloc.cli import main
-from radioloc.errors import InputError
+from radioloc.errors import InputError, RadiolocError
+from radioloc.jobs import workers
 from radioloc.jobs.linear_trials import trial_seed
 from radioloc.jobs.prepared_trials import Prepared
+from radioloc.jobs.workers import open_workers
 from radioloc.parameters.considered import considered_choices
 from radioloc.results.monte_carlo import MonteCarlo, binomial_bounds
 from radioloc.simulation import Noise, NoiseModel, Scenario, Schedule, Session, Truth, TruthSigma
 from radioloc.study import EstimateChoice, HeightPrior, ModelChoice, ObservationChoice
+from radioloc.study.record import versions
 
 HOURS = (12.0, 24.0)
 NOISE = NoiseModel(
@@ -182,6 +185,49 @@ def test_threads_of_linear_algebra_give_the_same_bits(tmp_path):
         subprocess.run([sys.executable, "-c", code, str(name)], check=True, env=environment)
         results.append(np.load(name))
     np.testing.assert_array_equal(*results)
+
+
+class _LosingCluster:
+    """A job during which its cluster loses all that it holds."""
+
+    def run(self, seed, trials):
+        distributed = pytest.importorskip("distributed")
+        distributed.get_client().restart(wait_for_workers=False)
+        return np.zeros((len(trials), 1, 1))
+
+
+@pytest.mark.study
+@pytest.mark.filterwarnings("ignore")  # those of the cluster's own
+def test_unusable_clusters_are_one_error(monkeypatch):
+    distributed = pytest.importorskip("distributed")
+    cluster = distributed.LocalCluster(n_workers=1, processes=False, dashboard_address=None)
+    with cluster, distributed.Client(cluster) as client:
+        with open_workers(client) as pool, pytest.raises(RadiolocError, match="lost its workers"):
+            list(pool.run(_LosingCluster(), 1, [[0], [1]]))
+        installed = versions()
+        monkeypatch.setattr(client, "run", lambda function: {"tcp://w": installed | {"radioloc": "0.0.1"}})
+        with open_workers(client) as pool, pytest.raises(InputError, match=r"0\.0\.1"):
+            list(pool.run(_LosingCluster(), 1, [[0]]))
+        monkeypatch.setattr(client, "run", lambda function: {})
+        with open_workers(client) as pool, pytest.raises(InputError, match="no workers"):
+            list(pool.run(_LosingCluster(), 1, [[0]]))
+    monkeypatch.setattr(workers, "_CONNECTION_TIMEOUT_S", 0.5)
+    with pytest.raises(InputError, match="cannot be reached"), workers.dask_client("tcp://127.0.0.1:1"):
+        pass
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore")  # those of the cluster's own
+def test_a_cluster_gives_the_same_bits(study, trial_study):
+    distributed = pytest.importorskip("distributed")
+    with (
+        distributed.LocalCluster(
+            n_workers=1, threads_per_worker=2, processes=False, dashboard_address=None
+        ) as cluster,
+        distributed.Client(cluster) as client,
+    ):
+        second = radioloc.monte_carlo(study, 60, HOURS, workers=client)
+    np.testing.assert_array_equal(second.values, trial_study.values)
 
 
 @pytest.mark.slow

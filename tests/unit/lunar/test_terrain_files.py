@@ -247,3 +247,20 @@ def test_ground_of_the_height_of_a_void_value_is_read(tmp_path, scale):
     model = TerrainModel.open(write_undeclared(tmp_path, numbers, "int16", scale))
     assert (numbers == -9999).any()
     assert np.isfinite(model.window(np.radians([-2.1, -1.5]), np.radians([0.5, 1.1])).heights_m).all()
+
+
+@pytest.mark.parametrize("dtype", ["int16", "float32"])
+@pytest.mark.parametrize("big", ["NO", "YES"])
+def test_geotiff_cut_at_its_end_refused(tmp_path, dtype, big):
+    """The last bytes are GDAL's scale and unit, without which GDAL reads other heights."""
+    path = tmp_path / "a.tif"
+    profile = {"driver": "GTiff", "width": 72, "height": 36, "count": 1, "dtype": dtype, "BIGTIFF": big}
+    with rasterio.open(path, "w", crs=CRS.from_string(EQC), transform=SMALL, **profile) as dataset:
+        dataset.write(SLOPING.astype(dtype)[:36, :72], 1)
+        dataset.scales, dataset.units = (0.5,), ("m",)
+    TerrainModel.open(path)
+    content = path.read_bytes()
+    for n_bytes in (1, 100, 200):
+        path.write_bytes(content[:-n_bytes])
+        with pytest.raises(FileFormatError, match=r"a\.tif: was cut"):
+            TerrainModel.open(path)

@@ -25,7 +25,7 @@ from terrain_maps import (
     write_pds3,
 )
 
-from radioloc.errors import InputError
+from radioloc.errors import FileFormatError, InputError
 from radioloc.lunar import TerrainModel
 
 QUANTISED_M = BILINEAR_M + 0.25  # half of the 0.5 m step

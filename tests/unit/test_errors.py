@@ -14,8 +14,6 @@ from radioloc.errors import (
     legible,
     visible,
 )
-from radioloc.results.cards import Card, Field
-from radioloc.results.tables import PositionRow, TextTable, csv_table
 
 ESCAPES = "\x1b[31mred\x1b[0m \x1b]0;title\x07 \x9b2J \u202ereversed\u202c \r\x08\x00"
 SHOWN = r"\x1b[31mred\x1b[0m \x1b]0;title\x07 \x9b2J \u202ereversed\u202c \r\x08\x00"
@@ -62,17 +60,6 @@ def test_messages_are_of_bounded_length(message):
     for error in (InputError(message), FileFormatError("a.csv", message, 1), DataQualityWarning(message)):
         assert len(str(error)) <= 3100
     assert legible(f"the key {message} is not known; use another").startswith("the key ")
-
-
-def test_cards_and_tables_show_control_characters():
-    card = Card(
-        [Field("name", [ESCAPES], ["heading", "n"], [(ESCAPES, "1")], [ESCAPES], [(ESCAPES, "2")], ESCAPES)]
-    )
-    table = TextTable(("", ESCAPES), [(ESCAPES, "1")])
-    row = PositionRow("radio", ESCAPES, 1.0, -2.0, *[None] * 6)
-    for text in (str(card), card.html(), table.to_markdown(), csv_table([row])):
-        assert not CONTROL.search(text)
-        assert r"\x1b[31mred" in text
 
 
 def test_the_command_line_shows_control_characters(tmp_path, capsys):

@@ -154,16 +154,6 @@ def test_what_is_undetermined_is_told_whatever_the_units():
     np.testing.assert_allclose(fit.sigmas[:2], reduced.sigmas[:2], rtol=LINEAR_RTOL)
 
 
-def test_with_all_fixed_the_residuals_are_reported():
-    design, observed, sigma = linear()
-    fit = fit_least_squares(function(design, observed), free_parameters(5, role=Role.FIXED), sigma)
-    assert fit.converged
-    np.testing.assert_array_equal(fit.x, 0.0)
-    np.testing.assert_array_equal(fit.covariance, 0.0)
-    np.testing.assert_array_equal(fit.residual_m, observed)
-    assert fit.dof == 40
-
-
 @pytest.mark.parametrize(
     ("observed", "scale"), [([0.0, 20.0], 200.0**0.5), ([0.0, 4.0], 1.0), ([20.0], 1.0), ([0.0] * 9, 1.0)]
 )

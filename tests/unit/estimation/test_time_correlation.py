@@ -71,21 +71,6 @@ def test_an_undetermined_parameter_stays_undetermined():
     assert result.added_covariance[0, 0] > 0.0
 
 
-def test_neither_the_size_of_the_noise_nor_what_is_left_out_matters():
-    """Three times the stated sigmas; one observation in fifty is not in use."""
-    fit, types, path, time_s = line()
-    design, used = fit.linearization.partials(np.arange(len(time_s))), np.arange(len(time_s)) % 50 > 0
-    larger = fit_least_squares(
-        lambda x: (3.0 * fit.residual_m - design @ x, design), fit.parameters, 1.0, used=used
-    )
-    entry, scaled = assessed(fit, types, path, time_s), assessed(larger, types, path, time_s)
-    assert sum(item.count for item in scaled.series) == used.sum()
-    for first, second in zip(entry.series, scaled.series, strict=True):
-        assert second.effective_count == pytest.approx(first.effective_count, rel=0.1)
-        assert second.share == pytest.approx(first.share, abs=0.05)
-    assert np.diag(scaled.added_covariance) == pytest.approx(9.0 * np.diag(entry.added_covariance), rel=0.1)
-
-
 def test_the_covariance_of_an_estimate_has_what_time_correlation_adds():
     for coloured in (0.0, 1.0):
         fit, types, path, time_s = line(coloured=coloured)

@@ -6,7 +6,6 @@ import pytest
 from radioloc.errors import InputError
 from radioloc.io import read_observations, write_observations
 from radioloc.io.table import batches_of, write_csv
-from radioloc.labels import Labels
 from radioloc.measurements import Link, Observations, Ramps
 from radioloc.results.tables import PositionRow, csv_table
 from radioloc.text_files import text_of_cell
@@ -23,18 +22,6 @@ def test_decimals_are_those_of_python(tmp_path):
     written = write(tmp_path / "a.csv", {"x": values}, {"x": 7}).splitlines()
     assert written[1:] == [f"{value:.7f}" for value in values]
     assert written[1:5] == ["1.0000000", "-10.0000000", "2000.0000000", "-0.0000000"]
-
-
-def test_texts_of_any_script_over_several_blocks(tmp_path):
-    names = np.array(["a", "Łódź", "", "±", "APOLLO>x>APOLLO"] * 14000)
-    numbers = np.arange(len(names), dtype=float)
-    columns = {"name": names, "number": numbers, "label": Labels.coded(["p", "q"], np.arange(len(names)) % 2)}
-    written = write(tmp_path / "a.csv", columns, {"number": 1}, comments=["one\ntwo", "three"])
-    rows = zip(names, numbers.tolist(), "pq" * (len(names) // 2), strict=True)
-    assert written == "# one\n# two\n# three\nname,number,label\n" + "".join(
-        f"{name},{number!r},{label}\n" for name, number, label in rows
-    )
-    assert write(tmp_path / "a.csv", {"name": [], "number": np.empty(0)}, {"number": 1}) == "name,number\n"
 
 
 @pytest.mark.parametrize(

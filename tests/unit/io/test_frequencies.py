@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from radioloc.constants import C_M_S
-from radioloc.earth import StationCatalogue, geodetic_from_itrf
+from radioloc.earth import geodetic_from_itrf
 from radioloc.errors import DataQualityWarning, FileFormatError, InputError
 from radioloc.io import FrequencyAgreement, read_observations, read_sites
 from radioloc.io.frequencies import read_strf
@@ -12,9 +12,6 @@ from radioloc.time import utc_strings
 
 BEACON_HZ, COUNT_S, SIGMA_HZ = 2.2165e9, 10.0, 0.5
 BEACON = FrequencyAgreement(transmit_hz=BEACON_HZ, sigma_hz=SIGMA_HZ, count_s=COUNT_S)
-UP_DOWN = FrequencyAgreement(
-    transmit_hz=7.2e9, sigma_hz=0.5, count_s=1.0, target="ce5", transmitter="JIAMUSI", turnaround=(880, 749)
-)
 # As rffit writes: MJD, Hz, flux, site; the last line has a second site, whose signal is reflected.
 READINGS = (
     "59902.606603\t2216497878.100\t   9.610\t8049\n"
@@ -80,20 +77,6 @@ def test_dates_of_older_readings(tmp_path):
     older.write_text("22/02/30 14:33:30.4 2216497878.100 1.0 8049\n")
     with pytest.raises(FileFormatError, match=r"b.dat, line 1: .*2022-02-30"):
         read_strf(older, [BEACON])
-
-
-def test_three_way_doppler_with_the_transmitter_of_the_study(tmp_path):
-    path = write(tmp_path / "a.dat", "59184.25\t8459278000.5\t10.0\t4171\n")
-    got = read_strf(path, [UP_DOWN], catalogue=StationCatalogue.default())
-    assert got.paths().tolist() == ["JIAMUSI>ce5>COSPAR 4171"]
-    assert got.types().tolist() == ["doppler"]
-    assert got.uplink_hz.tolist() == [7.2e9]
-    # A path in one metre less than 3e5 km/s by 1: the ratio is not rounded to a float first.
-    assert got.value_m[0] == pytest.approx(
-        C_M_S * (880 * 7.2e9 - 749 * 8459278000.5) / (880 * 7.2e9), abs=1e-6
-    )
-    assert got.sigma_m[0] == pytest.approx(C_M_S * 0.5 * 749 / 880 / 7.2e9, rel=1e-15)
-    assert got.wavelength_um[0] == pytest.approx(1e6 * C_M_S * 749 / 880 / 7.2e9, rel=1e-15)
 
 
 def test_several_files_of_one_night(tmp_path):

@@ -3,8 +3,6 @@
 import numpy as np
 import pyarrow
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from pyarrow import parquet as pq
 
 from radioloc.errors import FileFormatError, InputError
@@ -12,8 +10,7 @@ from radioloc.io import table as module
 from radioloc.io.formats import read_observations, write_observations
 from radioloc.io.table import read_parquet, read_table, write_parquet, write_table
 from radioloc.measurements import Link, Observations
-from radioloc.time import Epochs
-from radioloc.time.dates import utc_from_picoseconds, utc_from_text, utc_to_picoseconds, utc_to_text
+from radioloc.time.dates import utc_from_text
 
 NUMBERS = (
     *("value_m", "sigma_m", "pressure_hpa", "temperature_k", "relative_humidity"),
@@ -59,22 +56,6 @@ def test_round_trip_to_the_last_bit(tmp_path):
     write_table(tmp_path / "a.csv", read)
     write_observations(tmp_path / "b.parquet", read_observations(tmp_path / "a.csv"))
     assert_same(observations, read_parquet(tmp_path / "b.parquet"))
-
-
-@given(
-    st.lists(st.floats(0.0, 1.0, exclude_max=True), min_size=1, max_size=4),
-    st.sampled_from([2457753.5, 2459185.5]),
-)
-def test_epochs_are_as_precise_as_text(fractions, jd):
-    epoch = Epochs.from_jd(np.full(len(fractions), jd), np.array(fractions), "UTC")
-    days, picoseconds = utc_to_picoseconds(epoch)
-    read = utc_from_picoseconds(days, picoseconds)
-    by_text = utc_from_text(utc_to_text(epoch))
-    away_s = 86400.0 * ((read.jd - by_text.jd) + (read.fraction - by_text.fraction))
-    assert np.abs(away_s).max() == 0.0
-    reread_ps = utc_to_picoseconds(read)
-    np.testing.assert_array_equal(reread_ps[0], days)
-    np.testing.assert_array_equal(reread_ps[1], picoseconds)
 
 
 def test_columns_units_and_version_are_in_the_file(tmp_path):

@@ -93,18 +93,6 @@ def test_any_observations_come_back(days, fraction, value, sigma, pressure, tag,
     assert_same(first, read_table(file))
 
 
-def test_columns_in_any_order_and_half_of_them_quoted():
-    lines = [
-        " time_tag , path,type,sigma_m,observed_m,epoch_utc",
-        '"transmit","A>b>A", range ,0.01,7.9e8,2020-001T00:00:00',
-        "transmit,A>b>A,range,0.01,7.8e8, 2020-01-02 ",
-        "",
-    ]
-    read = parse_table("a.csv", lines, None)
-    assert read.value_m.tolist() == [7.9e8, 7.8e8]
-    assert read.epoch.day_strings().tolist() == ["2020-01-01", "2020-01-02"]
-
-
 @pytest.mark.parametrize(
     ("old", "new", "line", "words"),
     [

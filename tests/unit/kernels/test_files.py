@@ -118,16 +118,6 @@ def test_a_sound_kernel_of_the_length_of_one_that_ships_is_read(tmp_path):
     assert open_spk(relabelled).segments[0].name == "DE-0430LE-0430"
 
 
-def test_an_excerpt_whose_last_record_is_not_filled_is_read(tmp_path):
-    """Remove the padding of the last record, as in files of jplephem."""
-    free = struct.unpack_from("<i", PCK_BYTES, 84)[0]
-    excerpt = written(tmp_path, PCK_BYTES[: 8 * (free - 1)])
-    assert excerpt.stat().st_size % 1024
-    assert np.array_equal(
-        open_pck(excerpt).segments[0].coefficients, open_pck("DE421").segments[0].coefficients
-    )
-
-
 @pytest.mark.parametrize("free", [None, 10**6])
 def test_a_circular_list_of_segments_ends(tmp_path, free):
     """Also in a file that is shorter than its header says."""

@@ -70,23 +70,6 @@ def test_panels_show_the_used_residuals_of_their_links(rows):
     assert panels[f"delay URUMQI{DASH}KUNMING"].get_legend() is None
 
 
-def test_rejected_observations_are_marked_within_their_panel(rows):
-    # Rows 10 and 11 belong to the fifth and sixth link: ranges and Doppler.
-    panels = panels_of(plot_links(rows))
-    for title, marker, value in (("range JIAMUSI", "^", None), ("Doppler KASHI", "x", -0.05)):
-        axes = panels[title]
-        assert axes.get_title(loc="right").endswith(", 1 rejected")
-        [line] = [item for item in axes.lines if item.get_marker() == marker and len(item.get_ydata())]
-        low, high = axes.get_ylim()
-        [y] = line.get_ydata()
-        assert low < y < high
-        if value is not None:
-            assert y == pytest.approx(
-                value * {"m": 1.0, "cm": 100.0}[axes.get_ylabel().removeprefix("residual (").rstrip(")")]
-            )
-    assert "rejected" not in panels["range KASHI"].get_title(loc="right")
-
-
 def test_nothing_and_unknown_types_are_refused(rows):
     for plot in (plot_links, plot_residuals):
         with pytest.raises(InputError, match="at least one observation"):

@@ -205,3 +205,17 @@ def test_damaged_gpt3(tmp_path: Path, old: str, new: str, line: int | None, word
     with pytest.raises(FileFormatError, match=words) as caught:
         read_gpt3(path)
     assert caught.value.line == line
+
+
+def test_inconsistent_maps(tmp_path: Path, maps: tuple[list[Path], Path]) -> None:
+    paths, orography = maps
+    with pytest.raises(FileFormatError, match=r"MJD 60310.25.*H06"):
+        read_vmf3_grids([paths[0], paths[0]], orography)
+    regional = written(tmp_path / "VMF3.H12", "".join(vmf3_map_text(12).splitlines(keepends=True)[:-1]))
+    with pytest.raises(FileFormatError, match="got other points"):
+        read_vmf3_grids([paths[0], regional], orography)
+    deep = orography_text().rstrip()[:-1].rsplit(maxsplit=1)[0] + " -99999\n"
+    with pytest.raises(FileFormatError, match="got -99999"):
+        read_vmf3_grids(paths, written(tmp_path / "deep", deep))
+    with pytest.raises(FileFormatError, match="got 2591"):
+        read_vmf3_grids(paths, written(tmp_path / "orography_ell_1x1", orography_text()[:-7]))

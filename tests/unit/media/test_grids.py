@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from radioloc.errors import InputError
-from radioloc.media.grids import LatLonGrid
+from radioloc.media.grids import LatLonGrid, sort_into_grid
 
 LATITUDES = np.arange(-87.5, 88.0, 5.0)
 CENTRES = np.arange(2.5, 360.0, 5.0)
@@ -64,3 +64,16 @@ def test_edges_of_regional_maps() -> None:
 def test_unusable_grids(latitudes, longitudes, words: str) -> None:
     with pytest.raises(InputError, match=words):
         LatLonGrid(np.array(latitudes), np.array(longitudes), "a map")
+
+
+def test_sorts_points_in_any_order() -> None:
+    latitude, longitude = (part.ravel() for part in np.meshgrid(LATITUDES, CENTRES, indexing="ij"))
+    shuffled = np.random.default_rng(3).permutation(len(latitude))
+    values = latitude + 0.001 * longitude
+    grid, order = sort_into_grid(latitude[shuffled], longitude[shuffled] - 360.0, "a map")
+    np.testing.assert_array_equal(grid.latitudes_deg, LATITUDES)
+    np.testing.assert_allclose(grid.longitudes_deg, CENTRES)
+    np.testing.assert_array_equal(values[shuffled][order], values.reshape(36, 72))
+    for points in (shuffled[1:], np.append(shuffled, shuffled[0])):
+        with pytest.raises(InputError, match=r"36.*72"):
+            sort_into_grid(latitude[points], longitude[points], "a map")

@@ -275,9 +275,9 @@ class _GaussNewton:
                 # The sum of squares is at its minimum to rounding, or the partials are wrong.
                 at_minimum = length <= max(_SHORT_STEP_SIGMAS, 1e-3 * np.sqrt(iterate.sum_of_squares))
                 return iterate, FitStatus.CONVERGED if at_minimum else FitStatus.DIVERGED
-            previous_length, min_damping = length, iterate.factor.least_damping
+            previous_length, factor = length, iterate.factor
             iterate, damping = descent
-            damping = 0.0 if damping <= min_damping else damping / 3.0
+            damping = damping / 3.0 if damping > 0.0 and damping > factor.least_damping else 0.0
             if length < tolerance:
                 return iterate, FitStatus.CONVERGED
         return iterate, FitStatus.MAX_ITERATIONS

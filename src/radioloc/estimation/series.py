@@ -234,6 +234,27 @@ def link_contributions(
     return point, code, sums / np.sqrt(np.bincount(place))[point, None]
 
 
+def binned_partials(series: IndependentSeries, rows_of: RowsOf) -> Floats:
+    """Return sums (n, c) of whitened smooth columns in bins by the roots of their counts."""
+    place, begin, _ = series.bins
+    sums, start = np.zeros((begin[-1], 0)), 0
+    for structure in series.whitener.structures:
+        for part in structure.parts():
+            rows = structure.rows[part]
+            position = place[start : (start := start + rows.size)].reshape(len(rows), -1)
+            if isinstance(structure, Diagonal | Blocks):
+                chosen, weight = _sampled(position[:, 0])
+                sample = structure.select(np.arange(len(structure.rows))[part][chosen])
+                values = sample.whiten(slice(None), rows_of(sample.rows.ravel()))
+                values *= np.repeat(weight, position.shape[1])[:, None]
+                position = position[chosen]
+            else:
+                values = structure.whiten(part, rows_of(rows.ravel()))
+            sums = sums if sums.size else np.zeros((len(sums), values.shape[1]))
+            add_rows(sums, position.ravel(), values)
+    return sums / np.sqrt(np.bincount(place))[:, None]
+
+
 def _sampled(place: NDArray[np.intp]) -> tuple[NDArray[np.intp], Floats]:
     """Choose rows of each run in one bin, evenly, and count the rows that each represents."""
     starts = np.flatnonzero(changed(place[:, None]))

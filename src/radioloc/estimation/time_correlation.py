@@ -54,8 +54,8 @@ from radioloc.estimation.series import (
     CorrelatedWhitener,
     IndependentSeries,
     SeriesOrder,
+    binned_partials,
     independent_series,
-    link_contributions,
     points_of,
 )
 from radioloc.noise.whitening import column
@@ -83,11 +83,7 @@ def assess_time_correlation(
     series = independent_series(order, fit.noise, fit.used) if series is None else series
     q = root.shape[1]
     points, free = points_of(series, column(fit.residual_m), np.zeros((0, 0))), fit.parameters.free
-    place, _, contributions = link_contributions(
-        series, order, lambda rows: fit.linearization.partials(rows)[:, free]
-    )
-    partials = np.zeros((len(points.gain), len(root)))
-    np.add.at(partials, place, contributions)
+    partials = binned_partials(series, lambda rows: fit.linearization.partials(rows)[:, free])
     points = replace(points, unit=times(partials, root))
     noise = noise_of_series(*_without_considered(fit, points), significant=False)
     if not noise:

@@ -116,7 +116,7 @@ class Blocks:
         """Yield slices of some thousand successive rows, in whole blocks."""
         return slices(*self.rows.shape)
 
-    def select(self, some: NDArray[np.bool_] | slice) -> Blocks:
+    def select(self, some: NDArray[np.bool_] | Rows | slice) -> Blocks:
         """Select some of the blocks."""
         return replace(self, rows=self.rows[some], which=self.which[some])
 

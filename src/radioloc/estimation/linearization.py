@@ -158,6 +158,8 @@ class Factor:
         """Inverse of the triangle; None unless its Frobenius norm shows that all directions are determined."""
         from scipy.linalg.lapack import dtrtri
 
+        if not len(self.triangle):  # of which LAPACK complains on standard output
+            return None
         inverse, failure = dtrtri(self.triangle)
         if failure or not np.linalg.norm(inverse) * _RANK_TOLERANCE * math.sqrt(len(inverse)) < 1.0:
             return None

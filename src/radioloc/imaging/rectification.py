@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,12 +41,30 @@ _MAX_SQUARE_CELLS, _MIN_SQUARE_CELLS, _MIN_SQUARES = 16, 4, 8
 _MAX_EQUIRECTANGULAR_LATITUDE_DEG = 60.0  # a parallel there has half of its length on the map
 
 
+class Bounds(NamedTuple):
+    """Ground within four standard deviations of tie points, beyond which an image is not determined."""
+
+    plane: TangentPlane
+    places_m: Floats  # of the tie points, shape (n, 2)
+
+    def are_near(self, places_m: Floats) -> Mask:
+        """Select places, shape (n, 2), within the largest distance from the middle of the tie points."""
+        offset_m = places_m - self.places_m.mean(axis=0)
+        distance2 = np.einsum("ni,ij,nj->n", offset_m, np.linalg.inv(np.cov(self.places_m.T)), offset_m)
+        return np.asarray(distance2 <= _MAX_EXTRAPOLATION**2)
+
+
+def _within(bounds: Bounds | None, angles: Floats) -> Any:
+    return bounds is None or bounds.are_near(bounds.plane.from_longitude_latitude(np.degrees(angles)))
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class TerrainView:
     """View of an elevation model by a sensor model in mean-Earth axes."""
 
     model: SensorModel
     terrain: TerrainModel = field(repr=False)
+    bounds: Bounds | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         require_mean_earth(self.model)
@@ -60,7 +78,8 @@ class TerrainView:
         """Return angles of the first intersections of rays with the ground, and whether each ray has one."""
         rays = self.model.rays(pixels)
         points, hits = Terrain(self.terrain).intersect(rays.origins_m, rays.directions)
-        return np.column_stack(cartesian_to_selenographic(points)[:2]), hits
+        angles = np.column_stack(cartesian_to_selenographic(points)[:2])
+        return angles, hits & _within(self.bounds, angles)
 
     def pixels(self, angles: Floats, tolerance_m: float) -> tuple[Floats, Mask]:
         """Return pixels of ground points, and whether the image shows them."""
@@ -85,7 +104,7 @@ class TerrainView:
         hidden = self._hidden(points[shown], projected.pixels[shown], window.max_slope, tolerance_m)
         shown = shown[~hidden]
         pixels[cells[shown]], visible[cells[shown]] = projected.pixels[shown], True
-        return pixels, visible
+        return pixels, visible & _within(self.bounds, angles)
 
     def _hidden(self, points: Floats, pixels: Floats, max_slope: float, tolerance_m: float) -> Mask:
         """Select points behind other ground; rays steeper than all slopes need no test."""
@@ -110,13 +129,16 @@ class PlaneView:
     matrix: Floats = field(repr=False)
     shape: tuple[int, int]
     camera: Camera | None = None  # with the distortion of the image
+    bounds: Bounds | None = field(default=None, repr=False)
 
     def ground(self, pixels: Floats) -> tuple[Floats, Mask]:
         """Return angles of pixels, and whether each is below the horizon."""
         straight = pixels if self.camera is None else undistorted(self.camera)(pixels)
         places_m = transformed(np.asarray(np.linalg.inv(self.matrix), np.float64), straight)
         angles = np.radians(self.plane.to_longitude_latitude(np.nan_to_num(places_m, nan=np.inf)))
-        return angles, self._is_ahead(places_m) & np.isfinite(angles).all(axis=1)
+        return angles, self._is_ahead(places_m) & np.isfinite(angles).all(axis=1) & _within(
+            self.bounds, angles
+        )
 
     def pixels(self, angles: Floats, tolerance_m: float) -> tuple[Floats, Mask]:
         """Return pixels of ground points, and whether the image shows them."""
@@ -127,7 +149,7 @@ class PlaneView:
             visible &= on_lens
         lines, samples = self.shape
         in_image = (pixels >= -0.5) & (pixels < [samples - 0.5, lines - 0.5])
-        return pixels, np.asarray(visible & in_image.all(axis=1))
+        return pixels, np.asarray(visible & in_image.all(axis=1)) & _within(self.bounds, angles)
 
     def _is_ahead(self, places_m: Floats) -> Mask:
         # Points in front of a camera above the plane have a third coordinate of the sign opposite to the determinant.
@@ -136,41 +158,7 @@ class PlaneView:
         return np.asarray(depth * np.linalg.det(self.matrix) < 0.0)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class BoundedView:
-    """View within four standard deviations of the places of tie points, beyond which an image is not determined."""
-
-    view: TerrainView | PlaneView
-    plane: TangentPlane
-    places_m: Floats = field(repr=False)  # of the tie points, shape (n, 2)
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """Lines and samples."""
-        return self.view.shape
-
-    def ground(self, pixels: Floats) -> tuple[Floats, Mask]:
-        """Return angles of pixels, and whether each shows determined ground."""
-        angles, hits = self.view.ground(pixels)
-        return angles, hits & self._is_near(angles)
-
-    def pixels(self, angles: Floats, tolerance_m: float) -> tuple[Floats, Mask]:
-        """Return pixels of ground points, and whether the image shows them."""
-        pixels, visible = self.view.pixels(angles, tolerance_m)
-        return pixels, visible & self._is_near(angles)
-
-    def _is_near(self, angles: Floats) -> Mask:
-        return is_near(self.places_m, self.plane.from_longitude_latitude(np.degrees(angles)))
-
-
-View = TerrainView | PlaneView | BoundedView
-
-
-def is_near(tied_m: Floats, places_m: Floats) -> Mask:
-    """Select places, shape (n, 2), within the largest distance from the middle of tie points."""
-    offset_m = places_m - tied_m.mean(axis=0)
-    distance2 = np.einsum("ni,ij,nj->n", offset_m, np.linalg.inv(np.cov(tied_m.T)), offset_m)
-    return np.asarray(distance2 <= _MAX_EXTRAPOLATION**2)
+View = TerrainView | PlaneView
 
 
 def nearest_projection(longitude_deg: float, latitude_deg: float) -> str:

@@ -31,7 +31,7 @@ from radioloc.imaging.image_chain import (
 from radioloc.imaging.map_features import MapFeatures
 from radioloc.imaging.orientation import ConstantOrientation
 from radioloc.imaging.projections import Homographies, Poses, Projections, Relief, pose_of_homography
-from radioloc.imaging.rectification import BoundedView, PlaneView, TerrainView, View, is_near
+from radioloc.imaging.rectification import Bounds, PlaneView, TerrainView, View
 from radioloc.imaging.self_calibration import SelfCalibration, self_calibration
 from radioloc.imaging.sensor_models import FrameModel
 from radioloc.labels import Labels
@@ -125,7 +125,7 @@ class Registration:
         except InputError as error:
             raise InputError(f"{name}: {error}") from None
         tied = self._tied_m(index)
-        if not is_near(tied, place[np.newaxis])[0]:
+        if not Bounds(self.plane, tied).are_near(place[np.newaxis])[0]:
             distance_m = np.hypot(*(place - tied.mean(axis=0)))
             raise InputError(
                 f"{name}: the ground at sample {measured[0]:.1f}, line {measured[1]:.1f} is "
@@ -281,16 +281,13 @@ class Registration:
     def view(self, name: str) -> View:
         """Return the view of a registered image, for its rectification."""
         index, image = self._image(name)
-        model = self._adjusted.model
-        view: TerrainView | PlaneView
+        model, bounds = self._adjusted.model, Bounds(self.plane, self._tied_m(index))
         if isinstance(model, Poses) and not model.low[index]:
             sensor = self.sensor_model(name)
             assert sensor is not None
-            view = TerrainView(sensor, model.relief.model)
-        else:
-            shape = image.size[1], image.size[0]
-            view = PlaneView(self.plane, self._homographies.matrices[index], shape, image.camera)
-        return BoundedView(view, self.plane, self._tied_m(index))
+            return TerrainView(sensor, model.relief.model, bounds)
+        shape = image.size[1], image.size[0]
+        return PlaneView(self.plane, self._homographies.matrices[index], shape, image.camera, bounds)
 
     @property
     def _homographies(self) -> Homographies:

@@ -167,43 +167,34 @@ class Terrain:
             active = rows
             if not len(active):
                 break
-        self._refine(window, origins, directions, (upper, upper_clearance), (lower, lower_clearance), state)
+        hit = np.flatnonzero(state == _HIT)
+        above, below = (upper[hit], upper_clearance[hit]), (lower[hit], lower_clearance[hit])
+        lower[hit], mapped = self._refined(window, origins[hit], directions[hit], above, below)
+        state[hit[~mapped]] = _OFF_MAP
         return lower, state
 
-    def _refine(
+    def _refined(
         self,
         window: TerrainWindow,
         origins: Floats,
         directions: Floats,
-        upper_bracket: tuple[Floats, Floats],
-        lower_bracket: tuple[Floats, Floats],
-        state: NDArray[np.int8],
-    ) -> None:
-        """Refine distances under the ground in place, by regula falsi with the Illinois rule."""
-        (upper, upper_clearance), (lower, lower_clearance) = upper_bracket, lower_bracket
-        distance = lower.copy()
-        active = np.flatnonzero(state == _HIT)
-        side = np.zeros(len(lower))
+        above: tuple[Floats, Floats],
+        below: tuple[Floats, Floats],
+    ) -> tuple[Floats, NDArray[np.bool_]]:
+        """Return distances of intersections by the Illinois rule, from distances and clearances on both sides."""
+        (start, start_m), (end, end_m) = above, below
+        mapped = np.ones(len(end), bool)
         for _ in range(_MAX_REFINEMENTS):
-            span = upper_clearance[active] - lower_clearance[active]
-            part = np.where(span > 0.0, upper_clearance[active] / np.where(span > 0.0, span, 1.0), 0.5)
-            distance[active] = upper[active] + part * (lower[active] - upper[active])
-            points = origins[active] + distance[active, None] * directions[active]
-            clearance, mapped = self._clearance(window, points)
-            state[active[~mapped]] = _OFF_MAP
-            up = clearance > 0.0
-            for selected, ends, values, opposite, sign in (
-                (up, upper, upper_clearance, lower_clearance, 1.0),
-                (~up, lower, lower_clearance, upper_clearance, -1.0),
-            ):
-                rows = active[selected]
-                opposite[rows[side[rows] == sign]] *= 0.5
-                ends[rows], values[rows], side[rows] = distance[rows], clearance[selected], sign
-            unresolved = np.abs(lower - upper)[active] > 1e-9
-            active = active[mapped & (np.abs(clearance) > _HEIGHT_TOLERANCE_M) & unresolved]
-            if not len(active):
+            active = mapped & (np.abs(end_m) > _HEIGHT_TOLERANCE_M) & (np.abs(end - start) > 1e-9)
+            if not active.any():
                 break
-        lower[state == _HIT] = distance[state == _HIT]
+            change = np.where(active, start_m - end_m, 1.0)
+            following = end + np.where(active, end_m * (end - start) / change, 0.0)
+            clearance, mapped = self._clearance(window, origins + following[:, None] * directions)
+            crossed = clearance * end_m < 0.0
+            start, start_m = np.where(crossed, end, start), np.where(crossed, end_m, 0.5 * start_m)
+            end, end_m = following, clearance
+        return end, mapped
 
 
 def _chord(origins: Floats, directions: Floats, radius_m: float) -> tuple[Floats, Floats, NDArray[np.bool_]]:

@@ -83,3 +83,8 @@ def test_a_noise_of_a_station_without_observations_is_an_error():
         require_stations(observations(), "vlbi_station_sigma_m", ["URUMQI"], CATALOGUE)
     with pytest.raises(InputError, match=r"vlbi_station_sigma_m: .*ATLANTIS"):
         require_stations(observations(), "vlbi_station_sigma_m", ["ATLANTIS"], CATALOGUE)
+
+
+def test_the_provenance_has_the_keys_that_are_given():
+    weight = Weight(type="range", stations="APOLLO", factor=3.0)
+    assert weight.record() == {"type": ("range",), "stations": ("APOLLO",), "factor": 3.0}

@@ -37,17 +37,6 @@ def own_gravity_errors(
     return [k for k, name in enumerate(parameters.names) if prefix == f"{name.rpartition('.')[0]}."]
 
 
-def orbit_states(
-    model: ObservationModel,
-    x: Floats,
-    covariance: Floats,
-    consider: Consider | None,
-    orbits: GravityErrorOrbits,
-) -> dict[int, OrbitState]:
-    """Return the states of the estimated orbits by target, from the total `covariance` of x."""
-    return {k: orbit_state(model, k, x, covariance, consider, orbits) for k in model.orbit_indices}
-
-
 def orbit_state(
     model: ObservationModel,
     target: int,

@@ -15,9 +15,8 @@ from radioloc.estimation.consider import consider_sensitivity
 from radioloc.estimation.editing import EditedFit
 from radioloc.estimation.linearization import LinearProblem
 from radioloc.estimation.series import SeriesOrder
-from radioloc.estimation.time_correlation import estimated_covariance
+from radioloc.estimation.time_correlation import estimated_covariance, fit_with_correlated_weights
 from radioloc.estimation.variance_components import fit_with_variance_components
-from radioloc.jobs.problem import with_weights
 from radioloc.jobs.verdict import MAX_POSITION_SIGMA_M, misfits
 from radioloc.labels import Labels
 from radioloc.noise import ObservationCovariance
@@ -96,7 +95,9 @@ class LinearArc:
             status=self.status,
             threshold=self.estimate.rejection_sigma,
         )
-        return with_weights(linear, edited, self.order, self.estimate)
+        if self.estimate.weights == "correlated":
+            return fit_with_correlated_weights(linear, edited, self.order)
+        return edited
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -23,14 +23,15 @@ from radioloc.estimation.consider import ConsideredErrors
 from radioloc.estimation.editing import EditedFit, fit_with_editing, with_reasons
 from radioloc.estimation.phase_editing import PhaseCounts, phase_faults
 from radioloc.estimation.status import Doubt, FitStatus
+from radioloc.estimation.time_correlation import fit_with_correlated_weights
 from radioloc.estimation.variance_components import fit_with_variance_components
-from radioloc.jobs.gravity_errors import GravityErrorOrbits, orbit_states
+from radioloc.jobs.gravity_errors import GravityErrorOrbits, orbit_state
 from radioloc.jobs.mistakes import with_mistake
 from radioloc.jobs.notes import axes_doubts, model_limitations, provenance, study_notes
 from radioloc.jobs.one_thread import on_one_blas_thread
 from radioloc.jobs.orbit_start import initial_orbit
 from radioloc.jobs.preparation import known_positions, prepared_arc, usability, with_model_of_caller
-from radioloc.jobs.problem import EstimationProblem, with_weights
+from radioloc.jobs.problem import EstimationProblem
 from radioloc.jobs.station_doubts import coordinate_doubts
 from radioloc.jobs.stochastic import StochasticProblem
 from radioloc.jobs.verdict import mark_if_unobservable, misfits, search_hints, with_considered
@@ -131,7 +132,8 @@ def solve(problem: EstimationProblem, not_selected: dict[str, int], *, consisten
     )
     # The effects of gravity errors on an orbit take seconds; the parameters' sigmas and those over the arc share them.
     orbits = problem.orbits_with_gravity_errors(edited.fit.x)
-    edited = with_weights(model.linearize, edited, problem.order, problem.estimate)
+    if problem.estimate is not None and problem.estimate.weights == "correlated":
+        edited = fit_with_correlated_weights(model.linearize, edited, problem.order)
     suboptimal = problem.suboptimal_errors(model, edited.fit.x, orbits)
     fitted = _Fit(problem, model, edited, stochastic, orbits, suboptimal)
     with step("testing the residuals"):
@@ -245,7 +247,8 @@ def _complete(fitted: _Fit, solution: Solution, not_selected: dict[str, int]) ->
     """Add states of orbits, comparisons with known positions, notes, provenance, and the verdict by sigma."""
     problem, model, x = fitted.problem, fitted.model, fitted.x
     study, estimate, arc = problem.study, problem.estimate, model.predictor
-    states = orbit_states(model, x, solution.parameter_covariance(), solution.consider, fitted.orbits)
+    covariance, consider = solution.parameter_covariance(), solution.consider
+    states = {k: orbit_state(model, k, x, covariance, consider, fitted.orbits) for k in model.orbit_indices}
     if fitted.stochastic is not None:
         [k] = states
         states[k] = fitted.stochastic.smoothed(states[k], fitted.edited, problem.order, fitted.suboptimal)

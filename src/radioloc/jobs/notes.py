@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -142,13 +142,12 @@ def planning_notes(
     notes = [
         f"{plural(count, 'observation')} not selected: {reason}" for reason, count in not_selected.items()
     ]
-    notes += [*_rounded_positions(arc, parameters), *_station_notes(arc, _IMPROVABLE), *_model_notes(arc)]
-    return notes
+    return [*notes, *_position_notes(arc, parameters), *_model_notes(arc)]
 
 
 def model_limitations(arc: Predictor) -> tuple[str, ...]:
     """Return the effects that are not modelled and the sources of the model; they require no action."""
-    return (*_station_notes(arc, _UNMODELLED), *_model_limitations(arc))
+    return (*_unmodelled_effects(arc), *_model_sources(arc))
 
 
 def axes_doubts(study: Study, solution: Solution, constants: EphemerisConstants) -> Iterator[str]:
@@ -183,14 +182,15 @@ def _radio_stations(arc: Predictor) -> list[Station]:
     return stations
 
 
-def _rounded_positions(arc: Predictor, parameters: Iterable[Parameter]) -> Iterator[str]:
-    """Yield the sigmas of stations whose catalogue coordinates are rounded."""
+def _position_notes(arc: Predictor, parameters: Iterable[Parameter]) -> Iterator[str]:
+    """Yield the stations whose catalogue coordinates are rounded or approximate, with their sigmas."""
     positions = [item for item in parameters if item.kind == "station_position"]
     considered_m = {owner(item): item.prior_sigma for item in positions if item.role is Role.CONSIDERED}
     estimated = {owner(item) for item in positions} - considered_m.keys()
     groups: dict[tuple[float, float], list[Station]] = {}
-    for station in map(arc.model.catalogue.get, arc.stations):
-        if station.quality == "rounded" and station.sigma_m is None and station.name not in estimated:
+    unstated = [item for item in map(arc.model.catalogue.get, arc.stations) if item.sigma_m is None]
+    for station in unstated:
+        if station.quality == "rounded" and station.name not in estimated:
             sigmas_m = considered_m.get(station.name, 0.0), station.position_sigma_m
             groups.setdefault(sigmas_m, []).append(station)
     for (sigma_m, default_m), stations in groups.items():
@@ -203,41 +203,11 @@ def _rounded_positions(arc: Predictor, parameters: Iterable[Parameter]) -> Itera
         if sigma_m in (0.0, default_m):
             text += ": give better ones under [stations.NAME], or [consider] station_position_sigma_m"
         yield text
-
-
-_IMPROVABLE: dict[str, tuple[str, Callable[[Station], bool]]] = {
-    "catalogue positions of {} are accurate to about a metre only; give better ones under [stations.NAME]": (
-        "",
-        lambda station: station.quality == "approximate" and station.sigma_m is None,
-    ),
-}
-"""Texts on the coordinates of stations, with the term of the model and the condition."""
-_UNMODELLED: dict[str, tuple[str, Callable[[Station], bool]]] = {
-    "no station velocity for {}: plate motion, some cm a year, is not modelled": (
-        "station_velocity",
-        lambda station: not station.velocity_known,
-    ),
-    "no ocean loading coefficients for {}: up to about 1 cm is not modelled": (
-        "ocean_loading",
-        lambda station: station.ocean_loading is None,
-    ),
-    "no antenna axis offset for {}: millimetres, of some antennas metres, are not modelled": (
-        "antenna_axis_offset",
-        lambda station: station.axis_offset_m is None,
-    ),
-}
-"""Texts on effects that are not modelled for some stations."""
-
-
-def _station_notes(
-    arc: Predictor, notes: Mapping[str, tuple[str, Callable[[Station], bool]]]
-) -> Iterator[str]:
-    """Yield each text with the stations that it concerns."""
-    radio = _radio_stations(arc)
-    for text, (term, concerns) in notes.items():
-        stations = radio if term == "antenna_axis_offset" else map(arc.model.catalogue.get, arc.stations)
-        if (concerned := [item for item in stations if concerns(item)]) and (not term or arc.model.has(term)):
-            yield text.format(_names(concerned))
+    if approximate := [item for item in unstated if item.quality == "approximate"]:
+        yield (
+            f"catalogue positions of {_names(approximate)} are accurate to about a metre only; "
+            "give better ones under [stations.NAME]"
+        )
 
 
 def _model_notes(arc: Predictor) -> Iterator[str]:
@@ -263,7 +233,24 @@ def _model_notes(arc: Predictor) -> Iterator[str]:
         yield "the trajectory is taken as exact: its error is in the residuals, and in no sigma"
 
 
-def _model_limitations(arc: Predictor) -> Iterator[str]:
+def _unmodelled_effects(arc: Predictor) -> Iterator[str]:
+    """Yield the effects without data of some stations."""
+    model, stations = arc.model, [arc.model.catalogue.get(name) for name in arc.stations]
+    still = [item for item in stations if not item.velocity_known]
+    if still and model.has("station_velocity"):
+        yield f"no station velocity for {_names(still)}: plate motion, some cm a year, is not modelled"
+    unloaded = [item for item in stations if item.ocean_loading is None]
+    if unloaded and model.has("ocean_loading"):
+        yield f"no ocean loading coefficients for {_names(unloaded)}: up to about 1 cm is not modelled"
+    without_offset = [item for item in _radio_stations(arc) if item.axis_offset_m is None]
+    if without_offset and model.has("antenna_axis_offset"):
+        yield (
+            f"no antenna axis offset for {_names(without_offset)}: millimetres, of some antennas metres, are not "
+            "modelled"
+        )
+
+
+def _model_sources(arc: Predictor) -> Iterator[str]:
     """Yield the terms that the model does not contain, and the sources of its media."""
     model, radio = arc.model, _radio_stations(arc)
     if absent := model.missing_planets:

@@ -21,10 +21,7 @@ from numpy.typing import NDArray
 
 from radioloc.errors import InputError, error_context
 from radioloc.estimation.consider import ConsideredErrors
-from radioloc.estimation.editing import EditedFit
-from radioloc.estimation.linearization import ResidualFunction
 from radioloc.estimation.series import SeriesOrder, seconds_since_midnight
-from radioloc.estimation.time_correlation import fit_with_correlated_weights
 from radioloc.jobs.error_columns import (
     ParameterBlock,
     fixed_parameter_blocks,
@@ -205,18 +202,6 @@ def with_clock_epoch(estimate: EstimateChoice, arc: Predictor) -> EstimateChoice
     if estimate.clock_epoch is not None or not len(arc.observations):
         return estimate
     return replace(estimate, clock_epoch=tai_to_utc(middle_epoch(arc.observations)))
-
-
-def with_weights(
-    residual_function: ResidualFunction,
-    edited: EditedFit,
-    order: SeriesOrder,
-    estimate: EstimateChoice | None,
-) -> EditedFit:
-    """Repeat the fit with the weights of time-correlated series, if a study asks for them."""
-    if estimate is not None and estimate.weights == "correlated":
-        return fit_with_correlated_weights(residual_function, edited, order)
-    return edited
 
 
 def require_position_or_orbit(study: Study, job: str) -> None:

@@ -230,12 +230,12 @@ def _with_covariances(fit: FitResult, noise: CorrelatedWhitener, correlation: Ti
     prior = (root / fit.parameters.prior_sigmas[free, None]) @ directions
     weighted, series = noise.weighted(fit.whitened_unit_partials(directions)), noise.series
     unit = prior.T @ prior + gram(weighted, weighted)
-    processes = [correlation.noise.get(item.key, NO_NOISE) for item in series.series]
-    place, lengths = np.concatenate(series.of_each), np.array([len(rows) for rows in series.of_each])
-    columns, step_s = weighted[place], np.diff(series.time_s[place], prepend=0.0)
-    begin = np.append(0, np.cumsum(lengths))
-    half = half_products(processes, begin, step_s, np.ones(len(place)), columns)
-    added = _added(columns, half, processes, lengths)
+    added = np.zeros_like(unit)
+    for item, rows in zip(series.series, series.of_each, strict=True):
+        process, step_s = correlation.noise.get(item.key, NO_NOISE), np.diff(series.time_s[rows], prepend=0.0)
+        columns, lengths = weighted[rows], np.array([len(rows)])
+        half = half_products([process], np.append(0, lengths), step_s, np.ones(len(rows)), columns)
+        added += _added(columns, half, [process], lengths)
     unit = np.eye(len(directions)) + directions @ (unit - np.eye(len(unit))) @ directions.T
     fit = replace(fit, covariance=covariance_matrix(fit.factor, fit.parameters, unit))
     added_covariance = in_parameter_units(directions @ added @ directions.T, fit)

@@ -98,7 +98,7 @@ class Registration:
     plane: TangentPlane
     map_sigma_m: tuple[float, float]
     common_sigma_m: float  # common to map features beside the map's tie, east and north
-    height_sigma_m: float  # of heights about the plane, or about those of the elevation model
+    height_sigma_m: float  # of oblique images: heights about the plane or the elevation model
     sigma_factors: tuple[float, float]  # of stated sigmas in images and on the map, from residuals
     redundancy: int
     map_places_m: Floats  # adjusted places in the plane of the tie points with the map, shape (k, 2)
@@ -417,7 +417,9 @@ def adjusted_registration(
         _adjusted=result,
         _images={chain.images[number].name: (k, chain.images[number]) for k, number in enumerate(numbers)},
     )
-    return registration.with_height_sigma()
+    # Images that are not declared as oblique look down, where heights hardly displace the place of the lander.
+    oblique = any(chain.images[number].turned is not None for number in numbers)
+    return registration.with_height_sigma() if oblique else registration
 
 
 def common_relief_m(ties: TiePoints, result: Adjusted) -> float:

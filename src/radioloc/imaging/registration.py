@@ -252,15 +252,17 @@ class Registration:
             np.add.at(moved, ties.point[used], by_image[used])
             np.add.at(number, ties.point[used], 1.0)
         on_map = ties.map_point[result.map_used]
-        differences = result.map_residuals_m[result.map_used] - moved[on_map] / number[on_map, np.newaxis]
+        differences = result.map_residuals_m[result.map_used] - moved[on_map] / np.maximum(
+            number[on_map, np.newaxis], 1.0
+        )
         slopes = slopes[on_map]
         slopes2 = (slopes**2).sum(axis=1)
         if not slopes2.any():
             return self
-        along = ((differences * slopes).sum(axis=1) ** 2).sum() / slopes2.sum()
-        across = ((differences * slopes[:, ::-1] * [1.0, -1.0]).sum(axis=1) ** 2).sum() / slopes2.sum()
-        error = math.hypot(along, across) * math.sqrt(2.0 / len(slopes))
-        variance = max(along - across, error) / slopes2.mean()
+        along_m2 = ((differences * slopes).sum(axis=1) ** 2).sum() / slopes2.sum()
+        across_m2 = ((differences * slopes[:, ::-1] * [1.0, -1.0]).sum(axis=1) ** 2).sum() / slopes2.sum()
+        error = math.hypot(along_m2, across_m2) * math.sqrt(2.0 / len(slopes))
+        variance = max(along_m2 - across_m2, error) / slopes2.mean()
         common_m = 0.0 if self.relief else _COMMON_RELIEF_PART * math.sqrt(0.5 * variance * slopes2.mean())
         common_m = max(self.common_sigma_m, common_m)
         return replace(self, height_sigma_m=math.sqrt(variance), common_sigma_m=common_m)

@@ -168,8 +168,8 @@ class Terrain:
             if not len(active):
                 break
         hit = np.flatnonzero(state == _HIT)
-        above, below = (upper[hit], upper_clearance[hit]), (lower[hit], lower_clearance[hit])
-        lower[hit], mapped = self._refined(window, origins[hit], directions[hit], above, below)
+        upper_end, lower_end = (upper[hit], upper_clearance[hit]), (lower[hit], lower_clearance[hit])
+        lower[hit], mapped = self._refined(window, origins[hit], directions[hit], upper_end, lower_end)
         state[hit[~mapped]] = _OFF_MAP
         return lower, state
 
@@ -178,11 +178,11 @@ class Terrain:
         window: TerrainWindow,
         origins: Floats,
         directions: Floats,
-        above: tuple[Floats, Floats],
-        below: tuple[Floats, Floats],
+        upper_end: tuple[Floats, Floats],
+        lower_end: tuple[Floats, Floats],
     ) -> tuple[Floats, NDArray[np.bool_]]:
         """Return distances of intersections by the Illinois rule, from distances and clearances on both sides."""
-        (start, start_m), (end, end_m) = above, below
+        (start, start_m), (end, end_m) = upper_end, lower_end
         mapped = np.ones(len(end), bool)
         for _ in range(_MAX_REFINEMENTS):
             active = mapped & (np.abs(end_m) > _HEIGHT_TOLERANCE_M) & (np.abs(end - start) > 1e-9)

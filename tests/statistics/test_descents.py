@@ -6,7 +6,7 @@ from drawn_descents import outcomes
 from scipy.stats import binom, chi2
 
 DESCENTS = 100
-OBLIQUE_DRAWS, OBLIQUE_RELIEF = 24, 0.5
+OBLIQUE_DRAWS, OBLIQUE_RELIEF = 40, 0.5
 
 
 @pytest.mark.slow
@@ -27,5 +27,5 @@ def test_landers_are_found_within_a_pixel_of_the_map():
 def test_sigma_of_oblique_frames_includes_the_displacement_by_relief(tilt_deg, with_dem):
     drawn = outcomes(range(OBLIQUE_DRAWS), OBLIQUE_RELIEF, with_dem, tilt_deg)
     squares = [o.relative for o in drawn if not o.refused]
-    assert len(squares) > 0.5 * OBLIQUE_DRAWS
+    assert len(squares) > 0.4 * OBLIQUE_DRAWS
     assert 0.5 < 0.5 * np.mean(squares) < 1.6

@@ -22,6 +22,9 @@ from radioloc.vectors import Floats, rtn_axes
 Chains = tuple[Floats, Floats]
 """Values by interval, after the epoch and before it; both numbered from the epoch."""
 
+_MIN_INTERVAL_S = 600.0  # a twelfth of the period of a low orbit
+_MAX_INTERVAL_COUNT = 24  # bounds time and memory for long arcs
+_SIGMA_M_S2 = 1e-8  # usual error of the modelled accelerations of a low orbit
 COLOURS = 3
 """Number of groups of columns; intervals with the same remainder by it share columns, neighbours do not."""
 
@@ -127,3 +130,18 @@ class StochasticAccelerations:
         rows = self.chain == ACROSS
         out[rows] = self.near[rows] @ values[AFTER][0] + self.far[rows] @ values[BEFORE][0]
         return out
+
+
+def interval_accelerations(orbit: Orbit) -> Perturbations:
+    """Return the perturbations of an orbit by accelerations of a usual size, constant in intervals of its span."""
+    first_s, last_s = orbit.flight_s
+    count = min(max(int((last_s - first_s) / _MIN_INTERVAL_S), 1), _MAX_INTERVAL_COUNT)
+    edges_s = np.linspace(first_s, last_s, count + 1)[1:-1]
+
+    def accelerations(tdb: Epochs) -> Floats:
+        interval = np.searchsorted(edges_s, tdb.seconds_since(orbit.epoch))
+        out = np.zeros((len(interval), count, 3, 3))
+        out[np.arange(len(interval)), interval] = rtn_axes(*orbit.states(tdb)) * _SIGMA_M_S2
+        return np.swapaxes(out.reshape(len(interval), -1, 3), 1, 2)
+
+    return Perturbations(orbit, accelerations)

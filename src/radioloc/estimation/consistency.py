@@ -36,7 +36,7 @@ from radioloc.estimation.group_tests import (
     estimate_change,
     f_log_p_value,
 )
-from radioloc.estimation.hypotheses import ALL, Family, Hypotheses, Hypothesis, Links, Span, passes
+from radioloc.estimation.hypotheses import ALL, FORCES, Family, Hypotheses, Hypothesis, Links, Span, passes
 from radioloc.estimation.reliability import assess_reliability
 from radioloc.estimation.series import SeriesOrder
 from radioloc.noise.whitening import Rows
@@ -49,7 +49,7 @@ _MAX_FINDING_COUNT = 3  # further findings are mostly consequences of the first
 _MAX_GROUP_COUNT = 200  # bounds the time for long arcs of many passes
 _MAX_ROUND_COUNT = 3  # of noise and most significant error, each computed from the other
 _MIN_SQUARED_CORRELATION = 1.0 - 1e-6  # of two columns that differ by rounding and light times
-_ERROR_KINDS = ("a priori", "parameter", "offset", "jump")  # of errors, the more specific first
+_ERROR_KINDS = ("a priori", "parameter", "offset", "jump", FORCES)  # of errors, the more specific first
 _log_p_value = attrgetter("log_p_value")
 
 
@@ -102,8 +102,8 @@ def assess_consistency(
             break
         findings.append(finding)
         problem = problem.with_columns(finding.hypothesis.columns)
-        if finding.is_group:
-            break
+        if finding.is_group or finding.hypothesis.kind == FORCES:
+            break  # what remains is no single error
         group_tests = search.test_groups(problem)
 
     counts = Counter(item.family for item in hypotheses.continuous)
@@ -289,7 +289,7 @@ class _GrossErrorSearch:
         amounts, data_values = dict[str, float](), dict[str, float]()
         if not candidate.is_group:
             values = score_test.estimate * item.sigmas
-            amounts = dict(zip(item.components, values.tolist(), strict=True))
+            amounts = dict(zip(item.components, values.tolist(), strict=False))  # forces have no components
             if item.prior_values is not None:
                 values = item.prior_values + values
                 data_values = dict(zip(item.components, values.tolist(), strict=True))

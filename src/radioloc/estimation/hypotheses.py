@@ -6,6 +6,7 @@
    the observations of one type. A term of the model that is switched off.
 3. An offset of a link, or of a station in all its links of a type, in one pass or in the whole arc.
 4. A step of such a link or station at an epoch.
+5. Accelerations of an orbit, constant in intervals, that its forces lack: together, as gravity has many periods.
 
 A coefficient counts a-priori standard deviations; where none is stated or usual, the scale of the parameter, which
 changes an observation by about one metre, or one metre.
@@ -45,6 +46,8 @@ _MIN_READMITTED_FRACTION = 0.5  # of a series: robust editing presupposes that t
 _MIN_STEP_POINT_COUNT = 3  # points required on either side of a step
 TERM = "term"
 """Kind of a term that is switched off."""
+FORCES = "forces"
+"""Kind of accelerations of an orbit that its forces lack."""
 ALL = "all"
 """Owner of an error that is common to all members of a kind."""
 
@@ -265,6 +268,10 @@ class Hypotheses:
         types = {self.order.series[code].kind for code in self.codes}
         for kind, indices in groups.items():
             items = [self.candidates.parameters.parameters[index] for index in indices]
+            if kind == FORCES:
+                columns = self.problem.candidate_columns(indices)
+                yield Hypothesis(Family.PARAMETER, FORCES, FORCES, columns, np.ones(len(items)), "1", ())
+                continue
             for index, item in zip(indices, items, strict=True):
                 name = item.name if kind == TERM else f"{kind}.{owner(item)}".rstrip(".")
                 yield _fixed_parameter_hypothesis(name, self.problem.candidate_columns([index]), item)

@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 
 from radioloc.estimation.group_tests import BinnedProblem
-from radioloc.estimation.hypotheses import Family, Hypothesis
+from radioloc.estimation.hypotheses import FORCES, Family, Hypothesis
 from radioloc.estimation.statistics import finite_or_none
 from radioloc.vectors import Floats
 
@@ -33,6 +33,9 @@ POWER = 0.8  # probability that an error of the minimal detectable size is found
 MIN_REVEALED_FRACTION = 1e-3
 """Smallest part of the square of a column outside the span of the design matrix. Below it an error must be 30 times
 larger to be found than with known parameters, 150 times its a-priori sigma or more."""
+
+MAX_ROUNDING_FRACTION = 0.1
+"""Largest rounding, of itself, of a change of the position that is not zero."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,17 +81,26 @@ def assess_reliability(
     `log_levels` are logarithms of the significance levels of single tests, `enu_by_unit` (3, w) the partials of a
     position by the first parameters of the problem.
     """
-    lasting = [item for item in hypotheses if item.span_s is None]
+    lasting = [item for item in hypotheses if item.span_s is None and item.kind != FORCES]
     if not lasting:
         return ()
     products, results, begin = problem.products(np.hstack([item.columns for item in lasting])), [], 0
+    # Iterative refinement: the normal equations round the effects of errors that other parameters absorb.
+    remainder = products.whitened - problem.whitened @ products.gain
+    gains = products.gain + problem.inverse @ (problem.whitened.T @ remainder)
     for item in lasting:
         indices = tuple(range(begin, begin := begin + item.columns.shape[1]))
         sigma = float(item.sigmas[0]) if item.kind == "a priori" and len(item.sigmas) == 1 else None
         result = Reliability(item.kind, item.name, item.components, item.unit, math.inf, prior_sigma=sigma)
         if enu_by_unit is not None:
-            gain = enu_by_unit @ products.gain[: enu_by_unit.shape[1], list(indices)] / item.sigmas
-            result = replace(result, shift_per_unit_m=float(np.linalg.norm(gain, 2)))
+            rounded_m, refined_m = (
+                float(
+                    np.linalg.norm(enu_by_unit @ part[: enu_by_unit.shape[1], list(indices)] / item.sigmas, 2)
+                )
+                for part in (products.gain, gains)
+            )
+            is_rounding = abs(refined_m - rounded_m) > MAX_ROUNDING_FRACTION * refined_m
+            result = replace(result, shift_per_unit_m=0.0 if is_rounding else refined_m)
         verdict = products.test(indices, item.links)
         if verdict is not None:
             fractions = 1.0 / np.square(products.size[list(indices), None] * verdict.root).sum(axis=0)

@@ -1,13 +1,16 @@
-"""Considered errors of the gravity fields that orbits move in, and the states of the orbits with these errors."""
+"""Errors of the forces that orbits move by, and the states of the orbits with errors of the gravity field."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
 from radioloc.dynamics import AdjustableOrbit
+from radioloc.dynamics.stochastic import interval_accelerations
 from radioloc.estimation.consider import Consider, ConsideredErrors
+from radioloc.estimation.hypotheses import FORCES
 from radioloc.jobs.error_columns import unit_errors
 from radioloc.parameters.parameter import ParameterSet
 from radioloc.targets.design import ObservationModel, effects_on_orbit
@@ -27,6 +30,20 @@ def gravity_errors(orbits: GravityErrorOrbits, model: ObservationModel) -> Consi
         effects[prefix] = effects.get(prefix, 0.0) + effects_on_orbit(model.predictor, orbits[k], k)
     names = [f"{prefix}{j + 1}" for prefix, effect_m in effects.items() for j in range(effect_m.shape[1])]
     return unit_errors("gravity_error", names, np.hstack(list(effects.values())))
+
+
+def force_errors(model: ObservationModel, x: Floats) -> ConsideredErrors | None:
+    """Return accelerations, constant in intervals, that the forces of the orbits lack; None without any orbit."""
+    effects, motions = list[Floats](), model.motions(x)
+    for k in model.orbit_indices:
+        orbit = motions[k].trajectory
+        assert isinstance(orbit, AdjustableOrbit)
+        with_errors = replace(orbit, errors=interval_accelerations(orbit.nearest()).state_changes)
+        effects.append(effects_on_orbit(model.predictor, with_errors, k))
+    if not effects:
+        return None
+    effects_m = np.hstack(effects)
+    return unit_errors(FORCES, [f"{FORCES}.{j + 1}" for j in range(effects_m.shape[1])], effects_m)
 
 
 def own_gravity_errors(

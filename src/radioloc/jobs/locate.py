@@ -26,8 +26,8 @@ from radioloc.estimation.status import Doubt, FitStatus
 from radioloc.estimation.time_correlation import fit_with_correlated_weights
 from radioloc.estimation.variance_components import fit_with_variance_components
 from radioloc.jobs.gravity_errors import GravityErrorOrbits, orbit_state
-from radioloc.jobs.mistakes import with_mistake
-from radioloc.jobs.notes import axes_doubts, model_limitations, provenance, study_notes
+from radioloc.jobs.mistakes import axes_mistakes, with_mistake
+from radioloc.jobs.notes import model_limitations, provenance, study_notes
 from radioloc.jobs.one_thread import on_one_blas_thread
 from radioloc.jobs.orbit_start import initial_orbit
 from radioloc.jobs.preparation import known_positions, prepared_arc, usability, with_model_of_caller
@@ -236,7 +236,9 @@ def _build(fitted: _Fit, consistency: bool) -> Solution:
         ephemeris_sigma_enu_m=np.zeros(3) if estimate is None else np.array(estimate.ephemeris_sigma_m),
         name=study.name,
         considered=fitted.suboptimal,
-        candidates=problem.fixed_parameter_errors(model, x) if consistency and estimate is not None else None,
+        candidates=problem.fixed_parameter_errors(model, x, fitted.orbits)
+        if consistency and estimate is not None
+        else None,
         trajectory=None if places else str(arc.trajectories[0]),
         targets=several,
         limitations=model_limitations(arc),
@@ -263,8 +265,9 @@ def _complete(fitted: _Fit, solution: Solution, not_selected: dict[str, int]) ->
     considered = None if solution.consider is None else solution.consider.parameters
     notes += study_notes(study, arc, not_selected, estimate, fitted.edited, considered)
     notes += problem.notes
-    if model.place_indices:
-        notes += axes_doubts(study, solution, constants)
+    if model.place_indices and solution.converged:
+        findings = (*axes_mistakes(study, solution, constants), *solution.consistency.findings)
+        solution = replace(solution, consistency=replace(solution.consistency, findings=findings))
     if estimate is not None:
         moved_m = np.linalg.norm(positions_pa_m(fitted.motions) - positions_pa_m(problem.start), axis=-1)
         notes += search_hints(study, solution, float(moved_m.max()))

@@ -21,11 +21,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.constants import SECONDS_PER_DAY
+from radioloc.ephemeris import EphemerisConstants
 from radioloc.errors import ConvergenceError, InputError, RadiolocError
 from radioloc.estimation.consistency_results import SIGNIFICANCE_LEVEL, ConsistencyTest
 from radioloc.estimation.editing import EditedFit
+from radioloc.estimation.group_tests import chi2_log_p_value
 from radioloc.estimation.status import FitStatus
 from radioloc.jobs.problem import EstimationProblem
+from radioloc.lunar import rot_pa_to_me
 from radioloc.measurements.evaluation import prepare_predictor
 from radioloc.measurements.link import Link
 from radioloc.measurements.observations import Observations
@@ -34,6 +37,7 @@ from radioloc.measurements.registry import KINDS, MEASUREMENTS, TIME_TAGS
 from radioloc.parameters.columns import PASS_GAP_H
 from radioloc.parameters.parameter import ParameterSet
 from radioloc.results.solution import Solution
+from radioloc.study.study import Study
 from radioloc.targets.design import ObservationModel
 from radioloc.time import Epochs, utc_strings, utc_to_tai, utc_to_tt
 from radioloc.vectors import Floats
@@ -91,6 +95,34 @@ def _is_mostly_unused(problem: EstimationProblem, used: NDArray[np.bool_]) -> bo
     return bool((2 * count < total).any())
 
 
+def axes_mistakes(
+    study: Study, solution: Solution, constants: EphemerisConstants
+) -> Iterator[ConsistencyTest]:
+    """Yield a finding for each stated place that agrees with the estimate in other lunar axes only."""
+    several, estimate = len(solution.targets) > 1, solution.with_findings() or solution
+    places = [("a-priori position", prior.target, prior.mean) for prior in study.estimate.position_priors]
+    if not several:
+        known_places = (() if study.reference is None else (study.reference,)) + study.references
+        places += [(f"reference {item.name}", "", item.position) for item in known_places]
+    rot = rot_pa_to_me(constants)
+    for name, target, position in places:
+        axes, turn = ("principal", rot) if position.frame.startswith("ME") else ("mean-Earth", rot.T)
+        located = estimate.of_target(target) if several else estimate
+        stated_m = position.to_axes("PA", constants).xyz_m
+        information = np.linalg.pinv(located.position_covariance("pa"))
+        stated, turned = (
+            float(d @ information @ d)
+            for d in (xyz - located.position_pa_m for xyz in (stated_m, turn @ stated_m))
+        )
+        log_p_value = chi2_log_p_value(stated, 3)
+        if log_p_value < math.log(SIGNIFICANCE_LEVEL) <= chi2_log_p_value(turned, 3):
+            text, log10_p_value = (
+                f"the coordinates of the {name} are in {axes} axes",
+                log_p_value / math.log(10.0),
+            )
+            yield ConsistencyTest("mistake", text, turned, 3, log10_p_value, next_chi2_ratio=stated / turned)
+
+
 def find_mistake(problem: EstimationProblem, x: Floats) -> ConsistencyTest | None:
     """Return the mistake that explains the observations of an arc with estimate x; None without any."""
     rows = _sample(problem)
@@ -119,12 +151,8 @@ def find_mistake(problem: EstimationProblem, x: Floats) -> ConsistencyTest | Non
         smallest,
         count,
         -0.5 * count * math.log10(stated.sum() / smallest),
-        None,
-        None,
-        {},
         alternatives=tuple(
-            ConsistencyTest("mistake", text, misfit, count, 0.0, None, None, {})
-            for misfit, text in alternatives
+            ConsistencyTest("mistake", text, misfit, count, 0.0) for misfit, text in alternatives
         ),
         next_chi2_ratio=min(misfits[1][0], stated.sum()) / smallest,
     )

@@ -14,11 +14,9 @@ from radioloc.constants import ARCSEC_RAD
 from radioloc.earth.eop import EopTable
 from radioloc.earth.eop_prediction import orientation_errors
 from radioloc.earth.stations import Station
-from radioloc.ephemeris import EphemerisConstants
 from radioloc.estimation.consider import owner
 from radioloc.estimation.editing import EditedFit
 from radioloc.kernels.files import sha256_of
-from radioloc.lunar import rot_pa_to_me
 from radioloc.measurements.chebyshev_predictor import ChebyshevPredictor
 from radioloc.measurements.light_path import PLANETS_MM
 from radioloc.measurements.observations import Observations
@@ -31,7 +29,6 @@ from radioloc.parameters.choice import chosen_keys
 from radioloc.parameters.parameter import Parameter, ParameterSet, Role
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.results.cards import metres, plural
-from radioloc.results.solution import Solution
 from radioloc.study.identity import spacecraft_doubts
 from radioloc.study.record import plain, study_origin, versions
 from radioloc.study.study import EstimateChoice, Study, TerrainPrior
@@ -39,9 +36,6 @@ from radioloc.targets.design import a_priori_orbits
 from radioloc.time import utc_strings
 
 _EQUATOR_M_S = 465.1  # speed of a station on the Earth's equator
-_MIN_AXES_IMPROVEMENT = (
-    3.0  # ratio of distances; principal and mean-Earth axes are 0.8 km apart on the ground
-)
 # part of the squared residuals by motion within intervals of process noise; beyond it sigmas are 1.8 times too small
 _MAX_PROCESS_PART = 0.5
 _MAX_RELATIVE_OFFSET = 1e-4  # relative frequency offset of a simple quartz oscillator
@@ -148,28 +142,6 @@ def planning_notes(
 def model_limitations(arc: Predictor) -> tuple[str, ...]:
     """Return the effects that are not modelled and the sources of the model; they require no action."""
     return (*_unmodelled_effects(arc), *_model_sources(arc))
-
-
-def axes_doubts(study: Study, solution: Solution, constants: EphemerisConstants) -> Iterator[str]:
-    """Yield a warning for each stated place that agrees with the estimate in other lunar axes than stated."""
-    several, estimate = len(solution.targets) > 1, solution.with_findings() or solution
-    places = [("a-priori position", prior.target, prior.mean) for prior in study.estimate.position_priors]
-    if not several:
-        known_places = (() if study.reference is None else (study.reference,)) + study.references
-        places += [(f"reference {item.name}", "", item.position) for item in known_places]
-    rot = rot_pa_to_me(constants)
-    for name, target, position in places:
-        axes, turn = ("principal", rot) if position.frame.startswith("ME") else ("mean-Earth", rot.T)
-        located_m = (estimate.of_target(target) if several else estimate).position_pa_m
-        stated_m = position.to_axes("PA", constants).xyz_m
-        distance_m, turned_m = (
-            float(np.linalg.norm(xyz_m - located_m)) for xyz_m in (stated_m, turn @ stated_m)
-        )
-        if _MIN_AXES_IMPROVEMENT * turned_m < distance_m:
-            yield (
-                f"WARNING: {name} is {metres(distance_m)} m from the estimate, but {metres(turned_m)} m if its "
-                f"coordinates are in {axes} axes: check its axes"
-            )
 
 
 def _radio_stations(arc: Predictor) -> list[Station]:

@@ -29,7 +29,7 @@ from radioloc.jobs.error_columns import (
     parameter_errors,
     term_errors,
 )
-from radioloc.jobs.gravity_errors import GravityErrorOrbits, gravity_errors
+from radioloc.jobs.gravity_errors import GravityErrorOrbits, force_errors, gravity_errors
 from radioloc.jobs.selection import EPOCH_ROUNDING_S, since_start_s
 from radioloc.jobs.station_noise import noise_of, with_independent_clocks
 from radioloc.jobs.study_targets import build_targets
@@ -138,11 +138,16 @@ class EstimationProblem:
         """Return the errors b with their partials B at parameters x of a model, those of gravity last."""
         return join_errors(parameter_errors(self.suboptimal, model, x), gravity_errors(orbits, model))
 
-    def fixed_parameter_errors(self, model: ObservationModel, x: Floats) -> ConsideredErrors | None:
-        """Return the parameters and terms that the fit holds at zero, with their partials at parameters x."""
+    def fixed_parameter_errors(
+        self, model: ObservationModel, x: Floats, orbits: GravityErrorOrbits
+    ) -> ConsideredErrors | None:
+        """Return the parameters, terms and forces that the fit holds at zero, with their partials at parameters x."""
         parameters = [*model.parameters, *(item for _, items in self.suboptimal for item in items)]
         blocks = fixed_parameter_blocks(self.arc.simple, parameters)
-        return join_errors(parameter_errors(blocks, model, x), term_errors(model, x))
+        errors = join_errors(parameter_errors(blocks, model, x), term_errors(model, x))
+        if self.process_noise is not None or orbits:  # errors of the forces are in the covariance
+            return errors
+        return join_errors(errors, force_errors(model, x))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -14,7 +14,6 @@ from radioloc.estimation.adaptation import MAX_SHIFT_SIGMAS, AdaptedEstimate
 from radioloc.estimation.combination import ReferenceComparison
 from radioloc.estimation.consider import UNMODELLED_ERROR, Consider, ConsideredErrors, reported_estimate
 from radioloc.estimation.consistency import assess_consistency, run_findings
-from radioloc.estimation.consistency_results import ConsistencyTest
 from radioloc.estimation.editing import EditedFit, outlier_runs, run_reasons, with_reasons
 from radioloc.estimation.hypotheses import Hypotheses
 from radioloc.estimation.observability import assess_observability
@@ -121,17 +120,9 @@ def build_solution(
         by_state = np.array(is_axis, dtype=np.float64) if np.any(is_axis) else None
         tests = assess_consistency(hypotheses, epoch_utc, by_parameters, rejected, by_state)
         sigmas = () if stated_m is None else wrong_sigmas(edited, stated_m, order)
-        findings = map(_with_forces, tests.findings) if by_state is not None else tests.findings
-        tests = replace(tests, findings=(*findings, *sigmas))
+        tests = replace(tests, findings=(*tests.findings, *sigmas))
         solution = with_findings(replace(solution, consistency=tests))
     return solution
-
-
-def _with_forces(finding: ConsistencyTest) -> ConsistencyTest:
-    """Name the forces of an orbit before a group of observations, as errors of stations have their own hypotheses."""
-    if finding.kind not in ("station", "link", "type", "pass"):
-        return finding
-    return replace(finding, kind="forces", name="forces", alternatives=(finding, *finding.alternatives))
 
 
 def with_findings(solution: Solution) -> Solution:

@@ -133,3 +133,17 @@ def test_chances_far_below_what_floats_hold():
     assert chi2_log_p_value(3.841, 1) == pytest.approx(np.log(0.05), rel=1e-3)
     below_switch, above_switch = chi2_log_p_value(1280.0, 3), chi2_log_p_value(1300.0, 3)
     assert above_switch - below_switch == pytest.approx(-10.0, abs=0.1)
+
+
+def test_noise_of_a_series_allows_for_its_redundancy():
+    random = np.random.default_rng(8)
+    design, noise_m = random.normal(size=(200, 150)), random.normal(size=200)
+    parameters = ParameterSet([Parameter(f"night.{k}", "m", "night") for k in range(150)])
+    covariance = ObservationCovariance.from_sigma(1.0, 200)
+    result = fit_least_squares(lambda x: (noise_m - design @ x, design), parameters, covariance)
+    codes = np.zeros(200, dtype=np.int32)
+    order = SeriesOrder.from_labels(
+        Labels(codes, ("range",)), Labels(codes, ("A>x>A",)), 60.0 * np.arange(200.0)
+    )
+    [variance] = BinnedProblem.from_fit(result, order, lambda points: {}).white
+    assert variance == pytest.approx(1.0, abs=0.6)  # three standard deviations of 50 degrees of freedom

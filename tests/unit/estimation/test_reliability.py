@@ -116,6 +116,11 @@ def test_an_error_that_a_parameter_absorbs_is_not_revealed():
     assert not assessed.revealed
     assert assessed.to_dict()["minimal_detectable"] is assessed.to_dict()["shift_m"] is None
     assert assessed.shift_per_unit_m == pytest.approx(1.0, rel=1e-6)
+    east_by_unit = result.factor.root_covariance()[:1]
+    [of_east] = assess_reliability(
+        problem, [hypothesis(columns)], {Family.PARAMETER: LOG_LEVEL}, east_by_unit
+    )
+    assert of_east.shift_per_unit_m == 0.0  # not rounding
 
 
 def test_the_adapted_estimate_is_that_of_a_fit_with_the_finding_as_a_parameter():

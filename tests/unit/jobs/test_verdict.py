@@ -171,3 +171,16 @@ def test_a_clock_error_is_named_whether_variance_components_settle_or_not(tracki
     assert "SESHAN25" in first.name
     if passes == 60:
         assert (first.kind, first.name) == ("a priori", "clock.SESHAN25")
+
+
+@pytest.mark.study
+def test_reference_in_other_axes_than_stated_is_a_finding():
+    study = radioloc.read_study("examples/apollo15/apollo15.toml")
+    constants = PhysicalModel.build().ephemeris.constants
+    principal = study.reference.position.to_axes("PA", constants)
+    mistaken = replace(study.reference, position=replace(principal, frame=constants.me_frame))
+    solution = radioloc.locate(replace(study, reference=mistaken))
+    assert [item.name for item in solution.consistency.findings] == [
+        f"the coordinates of the reference {study.reference.name} are in principal axes"
+    ]
+    assert solution.converged

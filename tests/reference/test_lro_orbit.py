@@ -5,29 +5,22 @@ another: no motion under forces has one. Each of the two parts is met within dec
 """
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from paths import LARGE_DATA
 
 from radioloc.dynamics import Acceleration, Forces, GravityField, propagate
 from radioloc.time import Epochs
 
-FILE = next(
-    (
-        file
-        for folder in Path(__file__).resolve().parents
-        if (file := folder / "shared/data/orbits/LRO_2022001_Moon_ICRF_4h.csv").is_file()
-    ),
-    None,
-)
+FILE = LARGE_DATA / "orbits" / "LRO_2022001_Moon_ICRF_4h.csv"
 JUMP = 78  # minutes from the start to the first state behind it
 RMS_M = {
     "before": 0.10,
     "behind": 0.25,
 }  # 0.06 and 0.15 m were found; the reconstruction's own errors are some 10 m
 
-pytestmark = pytest.mark.skipif(FILE is None, reason="the orbit of LRO is not in shared/data/orbits")
+pytestmark = pytest.mark.skipif(not FILE.is_file(), reason=f"needs {FILE}")
 
 
 def fitted(rows, forces, parameters):

@@ -1,11 +1,10 @@
 """Real images of descents, which are not part of the project; their tests are skipped without them."""
 
-from pathlib import Path
-
 import cv2
 import pytest
+from paths import LARGE_DATA
 
-FOLDER = Path(__file__).parents[2].parent / "shared" / "data" / "images"
+FOLDER = LARGE_DATA / "images"
 NAMES = ("1801", "1831", "1861", "1891")
 BOX = {"1801": (82.0, 83.0), "1831": (79.0, 145.0), "1861": (78.0, 207.5), "1891": (68.5, 258.0)}
 """Centre of the box drawn about one crater, within some 2 pixels (sample, line)."""

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from paths import LARGE_DATA
 from PIL import Image
 from reader_cases import EXAMPLES
 from recorded import recorded, reference
@@ -35,7 +36,7 @@ from radioloc.results.tables import solution_table
 from radioloc.study.map_positions import PlaceOnMap
 
 ISD = Path(__file__).parents[1] / "data" / "isd"
-CUBE = Path(__file__).parents[3] / "shared" / "data" / "images" / "M143947267L.cal.echo.crop.cub"
+CUBE = LARGE_DATA / "images" / "M143947267L.cal.echo.crop.cub"
 SPAN_S = (0.0, 86400.0)
 SPK_TYPES = (1, 2, 3, 8, 9, 12, 13, 21)
 TRIAL_COLUMNS = ("east_m", "north_m", "converged")

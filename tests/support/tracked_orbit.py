@@ -1,11 +1,11 @@
 """Doppler of a low polar lunar orbit by two stations."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from low_orbit import EPOCH
+from paths import LARGE_DATA
 
 from radioloc.measurements import ExactPredictor, Link, Observations
 from radioloc.measurements.observations import DOPPLER
@@ -14,7 +14,7 @@ from radioloc.time import tai_to_utc
 from radioloc.time.scales import tdb_to_tt, tt_to_tai
 
 STATE = np.array([575739.0, -463249.0, -1631639.0, -567.864, 1434.223, -600.209])
-REAL = Path(__file__).parents[3] / "shared" / "data" / "odf"
+REAL = LARGE_DATA / "odf"
 GRAIL = """
 [target]
 name = "GRAIL-B"

@@ -4,21 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from paths import ROOT
+from paths import LARGE_DATA
 from reader_cases import GRAVITY, SHADR
 
 from radioloc.dynamics import GravityField
 from radioloc.errors import FileFormatError, InputError
 from radioloc.lunar import rot_between
 
-PUBLISHED = next(
-    (
-        file
-        for folder in ROOT.parents
-        if (file := folder / "shared/data/gravity/GRGM660PRIM_to150.gfc").is_file()
-    ),
-    None,
-)
+PUBLISHED = LARGE_DATA / "gravity" / "GRGM660PRIM_to150.gfc"
 
 
 def opened(tmp_path, text):
@@ -48,7 +41,7 @@ def test_without_sigmas(tmp_path):
     assert not field.sigma_c.any()
 
 
-@pytest.mark.skipif(PUBLISHED is None, reason="GRGM660PRIM_to150.gfc is not in shared/data/gravity")
+@pytest.mark.skipif(not PUBLISHED.is_file(), reason=f"needs {PUBLISHED}")
 def test_packaged_field_equals_the_published_file():
     packaged, published = GravityField.open("GRGM660PRIM"), GravityField.open(PUBLISHED)
     assert (packaged.gm_m3_s2, packaged.radius_m) == (published.gm_m3_s2, published.radius_m)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from typing import Any, Self
 
@@ -127,6 +128,12 @@ class TruthSigma:
             position_enu_m=(east, north, up),
             clock_epoch_utc=clock_epoch_utc,
         )
+
+    def without_considered(self) -> TruthSigma:
+        """Return the standard deviations that are stated here alone, without errors that a fit considers."""
+        stated = copy(self)
+        set_fields(stated, considered=False)
+        return stated
 
     @property
     def keys(self) -> tuple[str, ...]:

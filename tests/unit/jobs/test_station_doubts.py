@@ -1,7 +1,6 @@
 """Stations whose coordinates are exchanged or have another sign are named, whatever the fit makes of them."""
 
 import csv
-from dataclasses import replace
 
 import pytest
 from paths import EXAMPLES
@@ -53,13 +52,3 @@ def test_exchanged_coordinates_are_recognised(tmp_path, place, mistake):
 
 def test_coordinates_as_they_should_be_are_not_doubted(tmp_path):
     assert "[stations.OURS]" not in notes(tmp_path, f"itrf_m = [{X}, {Y}, {Z}]")
-
-
-def test_reference_in_other_axes_than_stated_is_recognised():
-    study = radioloc.read_study("examples/apollo15/apollo15.toml")
-    position = replace(study.reference.position, frame="ME_DE421")
-    solution = radioloc.locate(replace(study, reference=replace(study.reference, position=position)))
-    [note] = [note for note in solution.notes if "principal axes" in note]
-    assert solution.reference.combined_sigmas > 1000.0
-    assert note.startswith("WARNING: reference JPL")
-    assert not [note for note in radioloc.locate(study).notes if "principal axes" in note]

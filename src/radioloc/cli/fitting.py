@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 
 import radioloc
 from radioloc.cli.command import JSON, STUDY, argument, command, flag, output_folder
@@ -26,11 +27,16 @@ _FIT = (
 @command(
     "locate",
     *_FIT,
+    argument("--sinex FILE", "write the position with its covariance in SINEX 2.02", Path),
     examples=("study.toml", "study.toml --out results --terms", "study.toml --json"),
 )
 def locate(options: argparse.Namespace) -> int:
     """Fit a position, or an orbit, to tracking data and print a result card."""
     solution = _solution(options, fitted=True)
+    if options.sinex is not None:  # after the card, which says why a solution has none
+        from radioloc.io.sinex import write_sinex
+
+        write_sinex(options.sinex, solution)
     return exit_status(options, solution)
 
 

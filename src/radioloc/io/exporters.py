@@ -9,8 +9,10 @@ from pathlib import Path
 from radioloc.errors import InputError
 from radioloc.io.ccsds import write_oem
 from radioloc.io.gis import write_gis
+from radioloc.io.sinex import write_sinex
 from radioloc.io.spice_kernels import FIRST_SITE, write_spice
 from radioloc.plugins import Registry, entry_errors
+from radioloc.results.solution import Solution
 from radioloc.results.tables import SolutionLike, solution_table, write_table_file
 from radioloc.text_files import require_ending
 
@@ -55,6 +57,16 @@ def _write_oem(path: Path, solutions: Sequence[SolutionLike], options: ExportOpt
     return [write_oem(path, solution, *span, originator=originator, step_s=options.step_s)]
 
 
+def _write_sinex(path: Path, solutions: Sequence[SolutionLike], options: ExportOptions) -> list[Path]:
+    solution = _single(path, solutions)
+    if not isinstance(solution, Solution):
+        raise InputError(
+            f"{path}: expected a solution with the covariance of all parameters, which solution.json lacks; use "
+            "radioloc locate --sinex"
+        )
+    return [write_sinex(path, solution)]
+
+
 def _write_table(path: Path, solutions: Sequence[SolutionLike], options: ExportOptions) -> list[Path]:
     return [write_table_file(path, solution_table(solutions))]
 
@@ -83,6 +95,7 @@ EXPORTERS = Registry(
         ),
         Exporter("Markdown", (".md",), "table of positions and sigmas", _write_table),
         Exporter("LaTeX", (".tex",), "table of positions and sigmas", _write_table),
+        Exporter("SINEX", (".snx",), "estimates with their covariance; by locate --sinex", _write_sinex),
     ),
 )
 """Formats of solutions by name: those of the package, and those of other packages."""

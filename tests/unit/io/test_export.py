@@ -200,6 +200,6 @@ def test_export_command_writes_the_format_of_the_ending(tmp_path, capsys):
         assert all(str(tmp_path / item) in capsys.readouterr().out for item in written[:1])
         assert all((tmp_path / item).exists() for item in written)
     assert main(["export", str(solution), str(tmp_path / "c.kml")]) == 2
-    assert "supported: .geojson, .gpkg, .bsp, .oem, .md, .tex" in capsys.readouterr().err
+    assert "supported: .geojson, .gpkg, .bsp, .oem, .md, .tex, .snx" in capsys.readouterr().err
     assert main(["export", str(solution), str(solution), str(tmp_path / "d.bsp")]) == 2
     assert "expected one solution" in capsys.readouterr().err

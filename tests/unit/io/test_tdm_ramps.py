@@ -9,7 +9,7 @@ from radioloc.errors import InputError
 from radioloc.io import TdmAgreement, read_tdm, write_tdm
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements import ExactPredictor, FixedPoint, Link, Ramps
-from radioloc.measurements.observations import DOPPLER, Observations
+from radioloc.measurements.observations import DOPPLER, RANGE, Observations
 from radioloc.measurements.registry import KINDS
 from radioloc.time import epochs_from_strings
 
@@ -48,6 +48,49 @@ def counts(**changes):
 
 def computed(model, observations):
     return ExactPredictor(model, observations, FixedPoint(LANDER_PA_M)).compute()
+
+
+def test_round_trip_of_ramped_doppler(model, tmp_path):
+    modelled = computed(model, counts())
+    assert (modelled.status == 0).all()
+    noise_m = np.random.default_rng(3).normal(0.0, 0.01, 15)
+    observed = counts(value_m=modelled.value_m + noise_m)
+    # Cycles of the ramps are kilometres beyond the growth of the path.
+    assert np.abs(np.diff(observed.value_m)).max() > 1e3
+    write_tdm(tmp_path / "a.kvn", observed, originator="TEST")
+    text = (tmp_path / "a.kvn").read_text()
+    assert text.count("TURNAROUND_NUMERATOR") in (2, 4)
+    read = read_tdm(tmp_path / "a.kvn", TdmAgreement(sigma_m={"doppler": 1e-3}))
+    assert read.ramped.all()
+    assert set(read.paths()) == set(observed.paths())
+    order = np.argsort(read.epoch.fraction)
+    residual_m = (read.value_m - computed(model, read).value_m)[order]
+    assert np.abs(residual_m - noise_m).max() < TOLERANCE_M
+
+
+def test_the_same_by_another_reference_frequency(model, tmp_path):
+    """Values read are in metres by the first frequency of the message, whatever the written reference."""
+    shifted = counts(uplink_hz=REFERENCE_HZ + 12345.0)
+    observed = counts(uplink_hz=REFERENCE_HZ + 12345.0, value_m=computed(model, shifted).value_m)
+    write_tdm(tmp_path / "a.kvn", observed, originator="TEST")
+    read = read_tdm(tmp_path / "a.kvn", TdmAgreement(sigma_m={"doppler": 1e-3}))
+    assert set(read.uplink_hz) == {REFERENCE_HZ}
+    assert np.abs(read.value_m - computed(model, read).value_m).max() < TOLERANCE_M
+
+
+def test_round_trip_of_ramped_ranges(model, tmp_path):
+    """Ranges are in units of a nanosecond at the first frequency, ambiguous by a modulus."""
+    ranges = counts(kind=RANGE, link=0, count_s=np.nan, value_m=7.7e8, modulus_m=3e5)
+    modelled_m = computed(model, ranges).value_m
+    observed = counts(kind=RANGE, link=0, count_s=np.nan, value_m=modelled_m % 3e5, modulus_m=3e5)
+    write_tdm(tmp_path / "a.kvn", observed, originator="TEST")
+    text = (tmp_path / "a.kvn").read_text()
+    assert "RANGE_UNITS = RU" in text
+    assert text.count("TRANSMIT_FREQ_RATE_1 = ") == 3
+    read = read_tdm(tmp_path / "a.kvn", TdmAgreement(sigma_m={"range": 1.0}, range_unit_s=1e-9))
+    assert read.ramped.all()
+    off_m = computed(model, read).value_m - read.value_m
+    assert np.abs(off_m - read.modulus_m * np.rint(off_m / read.modulus_m)).max() < TOLERANCE_M
 
 
 BEACON_HZ, STEP_HZ = 8.4592790387e9, 5000.0
@@ -94,5 +137,19 @@ def test_a_beacon_that_changes_its_frequency(model, tmp_path):
     assert np.abs(residual_m[complete]).max() < TOLERANCE_M
     # In half a minute the light time grows by 30 microseconds.
     assert abs(residual_m[7]) < STEP_HZ * 1e-4 * C_M_S / BEACON_HZ
-    with pytest.raises(InputError, match="cycles of ramps"):
-        write_tdm(tmp_path / "b.kvn", read, originator="TEST")
+    write_tdm(tmp_path / "b.kvn", read, originator="TEST")
+    reread = read_tdm(tmp_path / "b.kvn", agreement)
+    np.testing.assert_allclose(reread.value_m - computed(model, reread).value_m, residual_m, atol=TOLERANCE_M)
+
+
+@pytest.mark.parametrize(
+    ("changes", "problem"),
+    [
+        ({"ramps": Ramps.empty()}, "ramp of KASHI"),
+        ({"wavelength_um": np.nan}, "frequencies down"),
+        ({"wavelength_um": 41000.0}, "frequencies down"),
+    ],
+)
+def test_ramped_counts_without_ramps_or_bands_are_refused(changes, problem, tmp_path):
+    with pytest.raises(InputError, match=problem):
+        write_tdm(tmp_path / "a.kvn", counts(**changes), originator="TEST")

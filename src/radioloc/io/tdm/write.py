@@ -1,10 +1,11 @@
 """Writing of observations as a Tracking Data Message 2.0 in KVN.
 
 :data:`radioloc.io.tdm.message.TYPES` has the keyword of each type: ranges as RANGE in km, Doppler as
-DOPPLER_INTEGRATED (both of all legs), VLBI delays as VLBI_DELAY with two paths from the target. Wavelengths become
-RECEIVE_FREQ or, of the target's own signal, its TRANSMIT_FREQ. Numbers have the digits that restore them to the last
-bit, up to 17, where the standard asks for 16 at most (4.3.4); epochs have up to 12 decimals. The standard lacks
-standard deviations and the origin of observations.
+DOPPLER_INTEGRATED (both of all legs), VLBI delays as VLBI_DELAY with two paths from the target. Observations that count
+cycles of ramps have these as TRANSMIT_FREQ and TRANSMIT_FREQ_RATE: Doppler as RECEIVE_FREQ, ranges in range units of
+:data:`RANGE_UNIT_S`, of time at the first frequency. Wavelengths become RECEIVE_FREQ or, of the target's own signal,
+its TRANSMIT_FREQ. Numbers have the digits that restore them to the last bit, up to 17, where the standard asks for 16
+at most (4.3.4); epochs have up to 12 decimals. The standard lacks standard deviations and the origin of observations.
 
 Source: CCSDS 503.0-B-2 (2020), chapters 3 to 5.
 """
@@ -13,8 +14,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import replace
 from datetime import UTC, datetime
 from decimal import Decimal
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -23,11 +26,13 @@ from numpy.typing import NDArray
 
 from radioloc.constants import C_M_S
 from radioloc.errors import InputError
-from radioloc.io.frequencies import MICROMETRES
+from radioloc.io.frequencies import MAX_DURATION_S, MICROMETRES
 from radioloc.io.tdm.message import (
     CODE,
     DATA,
     METADATA,
+    SENT,
+    SENT_RATE,
     TYPES,
     WEATHER,
     TdmFile,
@@ -37,13 +42,17 @@ from radioloc.io.tdm.message import (
 )
 from radioloc.measurements.link import Link
 from radioloc.measurements.observations import Observations
+from radioloc.measurements.ramps import DOWNLINK, UPLINK, turnaround_ratio
 from radioloc.measurements.registry import KINDS, MEASUREMENTS, TIME_TAGS
 from radioloc.text_files import write_blocks
-from radioloc.time import Epochs
+from radioloc.time import Epochs, utc_to_tai
 from radioloc.time.dates import utc_to_text
 from radioloc.vectors import Floats
 
+RANGE_UNIT_S = 1e-9
+"""Length of a range unit that is written, s; readers of the message need it as an agreement."""
 _IN_MEMORY = "in memory"  # path of messages that are not from a file
+_RATIO_TOLERANCE = 1e-3  # Doppler shifts are smaller, and the ratios of two bands differ by more
 _MIN_WAVELENGTH_UM = 100.0  # The standard leaves laser ranging to its own format (3.5.2.7, note)
 _FIXED_POINT_EXPONENTS = range(-5, 16)  # of numbers written without an exponent
 _MIN_DATE_CHARACTERS = len("2020-12-31T23:59:60.000")
@@ -77,7 +86,7 @@ def write_tdm(
     Raises
     ------
     InputError
-        The observations are empty or have a time tag at the bounce, laser light, a delay rate, cycles of ramps,
+        The observations are empty or have a time tag at the bounce, laser light, a delay rate, cycles of missing ramps,
         or a name or comment that is not printable ASCII.
     FileFormatError
         The file cannot be written.
@@ -124,10 +133,6 @@ def _require_writable(observations: Observations) -> None:
 
     bounce = observations.tag == TIME_TAGS.index("bounce")
     refuse(bounce, "has a time tag at the bounce; expected one at transmission or reception in a TDM")
-    refuse(
-        observations.ramped,
-        "counts cycles of ramps; write .csv or .parquet, which have the ramps beside them",
-    )
     laser = observations.wavelength_um < _MIN_WAVELENGTH_UM
     refuse(laser, "is of laser light, which the standard excludes; use write_table")
     for kind in np.unique(observations.kind).tolist():
@@ -151,9 +156,11 @@ def _groups(observations: Observations) -> Iterator[NDArray[np.intp]]:
         np.nan_to_num(observations.count_s),
         np.isnan(observations.uplink_hz),
         np.isnan(observations.wavelength_um),
+        observations.ramped,
         np.nan_to_num(observations.modulus_m),
-        # A segment has one frequency of delays.
-        np.where(differenced, np.nan_to_num(observations.wavelength_um), 0.0),
+        np.where(observations.ramped, np.nan_to_num(observations.uplink_hz), 0.0),
+        # A segment has one frequency of delays, and one reference frequency of cycles.
+        np.where(differenced | observations.ramped, np.nan_to_num(observations.wavelength_um), 0.0),
         *(np.isnan(getattr(observations, column)) for column in WEATHER.values()),
     ]
     # Most are the same for all rows.
@@ -193,8 +200,10 @@ def _segment(part: Observations) -> TdmSegment:
     metadata |= paths | {f"PARTICIPANT_{n}": name for n, name in enumerate(names, start=1)}
     metadata["TIMETAG_REF"] = TIME_TAGS[part.tag[0]].upper()
     values: dict[str, Floats] = {}
+    if part.ramped[0]:
+        return _ramped_segment(part, metadata, keyword, receiver)
     if keyword == "RANGE":
-        metadata |= _range_metadata(part)
+        metadata |= _range_metadata(part, "km", 1.0)
         values[keyword] = part.value_m
     elif keyword == "DOPPLER_INTEGRATED":
         count_s = float(part.count_s[0])
@@ -213,10 +222,10 @@ def _segment(part: Observations) -> TdmSegment:
     return _recorded(part, metadata, values)
 
 
-def _range_metadata(part: Observations) -> dict[str, str]:
-    modulus = _text(float(np.nan_to_num(part.modulus_m[0])), unit_exponent("RANGE", "km"))
+def _range_metadata(part: Observations, units: str, factor: float) -> dict[str, str]:
+    modulus = _text(float(factor * np.nan_to_num(part.modulus_m[0])), unit_exponent("RANGE", units))
     one_way = {} if part.links[part.link[0]].transmitter else {"RANGE_MODE": "ONE_WAY"}
-    return {"RANGE_MODULUS": modulus, "RANGE_UNITS": "km"} | one_way
+    return {"RANGE_MODULUS": modulus, "RANGE_UNITS": units} | one_way
 
 
 def _count_metadata(count_s: float) -> dict[str, str]:
@@ -238,6 +247,57 @@ def _recorded(part: Observations, metadata: dict[str, str], values: dict[str, Fl
     order = np.lexsort((code, place))
     line = np.zeros(len(order), dtype=np.int32)
     return TdmSegment(_IN_MEMORY, metadata, code[order], part.epoch[place[order]], value[order], {}, line)
+
+
+def _ramped_segment(part: Observations, metadata: dict[str, str], keyword: str, receiver: int) -> TdmSegment:
+    """Return the segment of observations that count cycles, after the ramps from the day before on."""
+    link, ramps, ends = part.links[part.link[0]], part.ramps, utc_to_tai(part.epoch[[0, -1]])
+    number, sender = (1, link.transmitter) if link.transmitter else (2, link.target)
+    sent = ramps.station == ([*ramps.stations, sender].index(sender))
+    sent &= ramps.start.seconds_since(ends[[1]]) <= np.nan_to_num(part.count_s[0])
+    sent &= ramps.start.seconds_since(ends[[0]]) + ramps.duration_s >= -MAX_DURATION_S
+    if not sent.any():
+        raise InputError(f"{link.path}: expected a ramp of {sender} by {part.origin(0)}, got none; add it")
+    start, rows = ramps.start_utc[sent], np.flatnonzero(sent)
+    ratio = _turnaround(part) if link.transmitter else Fraction(1)
+    reference_hz = float(
+        part.uplink_hz[0] if link.transmitter else MICROMETRES * C_M_S / part.wavelength_um[0]
+    )
+    if link.transmitter:
+        metadata["TURNAROUND_NUMERATOR"] = str(ratio.numerator)
+        metadata["TURNAROUND_DENOMINATOR"] = str(ratio.denominator)
+    if keyword == "RANGE":
+        unit_per_m = reference_hz / ramps.frequency_hz[rows[0]] / (C_M_S * RANGE_UNIT_S)
+        metadata |= _range_metadata(part, "RU", unit_per_m)
+        measured = {keyword: unit_per_m * part.value_m}
+    else:
+        count_s = float(part.count_s[0])
+        offset_hz = float(round(ratio * Fraction(reference_hz)))
+        metadata |= _count_metadata(count_s) | {"FREQ_OFFSET": _text(offset_hz, 0)}
+        at_rest_hz = float(ratio * Fraction(reference_hz) - Fraction(offset_hz))
+        shift_hz = float(ratio) * reference_hz * part.value_m / (C_M_S * count_s)
+        measured = {f"RECEIVE_FREQ_{receiver}": at_rest_hz - shift_hz}
+    recorded = _recorded(part, metadata, measured)
+    code = np.tile([CODE[SENT[number - 1]], CODE[SENT_RATE[number - 1]]], len(rows)).astype(np.int8)
+    value = np.column_stack([ramps.frequency_hz[rows], ramps.rate_hz_s[rows]]).ravel()
+    return replace(
+        recorded,
+        keyword=np.concatenate([code, recorded.keyword]),
+        epoch=Epochs.concatenate([start[np.repeat(np.arange(len(rows)), 2)], recorded.epoch]),
+        value=np.concatenate([value, recorded.value]),
+        line=np.zeros(len(code) + len(recorded.line), dtype=np.int32),
+    )
+
+
+def _turnaround(part: Observations) -> Fraction:
+    """Return the transponder's ratio, by the bands of the frequencies up and down."""
+    recorded = C_M_S * MICROMETRES / part.wavelength_um[0] / part.uplink_hz[0]
+    ratios = [turnaround_ratio(up, down) for up in UPLINK for down in DOWNLINK]
+    matches = [ratio for ratio in ratios if abs(recorded / ratio - 1.0) < _RATIO_TOLERANCE]
+    if not matches:
+        expected = "expected a ratio of S, X and Ka band of the frequencies down and up"
+        raise InputError(f"{part.origin(0)}: {expected}, got {recorded:.6g}; use write_table")
+    return matches[0]
 
 
 def _inverse(values: Floats, forward: Callable[[Floats], Floats], guess: Floats) -> Floats:

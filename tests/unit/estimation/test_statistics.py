@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from radioloc.errors import InputError
+from radioloc.errors import ConvergenceError, InputError
 from radioloc.estimation.statistics import Residuals, chi2_quantile, root_between
 from radioloc.labels import Labels
 from radioloc.time import Epochs
@@ -96,3 +96,8 @@ def test_rejected_observations_are_counted_by_reason_and_pass():
 )
 def test_root_between_two_arguments(function, low, high, root):
     assert root_between(function, low, high, 1e-12) == pytest.approx(root, abs=1e-11)
+
+
+def test_a_function_without_numbers_has_no_root():
+    with pytest.raises(ConvergenceError):
+        root_between(lambda x: np.nan, 0.0, 1.0, 1e-12)

@@ -103,7 +103,7 @@ def assess_consistency(
         findings.append(finding)
         problem = problem.with_columns(finding.hypothesis.columns)
         if finding.is_group or finding.hypothesis.kind == FORCES:
-            break  # what remains is no single error
+            break  # the residuals of other groups may follow from this error
         group_tests = search.test_groups(problem)
 
     counts = Counter(item.family for item in hypotheses.continuous)

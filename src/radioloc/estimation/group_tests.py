@@ -135,7 +135,7 @@ class BinnedProblem:
             return np.hstack(columns)
 
         series = independent_series(order, fit.noise, fit.used)
-        points = points_of(series, column(fit.residual_m), np.zeros((0, 0)))
+        points = points_of(series, column(fit.residual_m))
         place, code, sums = link_contributions(series, order, constant_and_partials)
         sums, changes = np.split(sums, [1 + len(unit)], axis=1)
         if candidates is not None:

@@ -23,7 +23,7 @@ import numpy as np
 from radioloc.estimation.editing import EditedFit
 from radioloc.estimation.series import SeriesOrder
 from radioloc.estimation.statistics import robust_scale
-from radioloc.labels import USED
+from radioloc.labels import USED, changed
 from radioloc.noise.whitening import Rows
 from radioloc.vectors import Floats
 
@@ -102,7 +102,7 @@ def _pass_faults(edited: EditedFit, rows: Rows, counts: PhaseCounts) -> Iterator
 
 def _split_at_changes(rows: Rows, values: np.ndarray) -> list[Rows]:
     """Split rows where their values change."""
-    return np.split(rows, np.flatnonzero(np.diff(values)) + 1) if len(rows) else []
+    return np.split(rows, np.flatnonzero(changed(values))[1:]) if len(rows) else []
 
 
 def _format_frequency(rate_m_s: float, cycle_m: float) -> str:

@@ -34,7 +34,7 @@ MIN_REVEALED_FRACTION = 1e-3
 """Smallest part of the square of a column outside the span of the design matrix. Below it an error must be 30 times
 larger to be found than with known parameters, 150 times its a-priori sigma or more."""
 
-MAX_ROUNDING_FRACTION = 0.1
+_MAX_ROUNDING_FRACTION = 0.1
 """Largest rounding, of itself, of a change of the position that is not zero."""
 
 
@@ -99,20 +99,18 @@ def assess_reliability(
                 )
                 for part in (products.gain, gains)
             )
-            is_rounding = abs(refined_m - rounded_m) > MAX_ROUNDING_FRACTION * refined_m
+            is_rounding = abs(refined_m - rounded_m) > _MAX_ROUNDING_FRACTION * refined_m
             result = replace(result, shift_per_unit_m=0.0 if is_rounding else refined_m)
-        verdict = products.test(indices, item.links)
-        if verdict is not None:
-            fractions = 1.0 / np.square(products.size[list(indices), None] * verdict.root).sum(axis=0)
+        test = products.test(indices, item.links)
+        if test is not None:
+            fractions = 1.0 / np.square(products.size[list(indices), None] * test.root).sum(axis=0)
             revealed = fractions >= MIN_REVEALED_FRACTION
             if revealed.any():
-                length = math.sqrt(
-                    noncentrality(log_levels[item.family], verdict.dof) * verdict.variance_factor
-                )
-                sizes = np.linalg.svd(item.sigmas[:, None] * verdict.root[:, revealed], compute_uv=False)
+                length = math.sqrt(noncentrality(log_levels[item.family], test.dof) * test.variance_factor)
+                sizes = np.linalg.svd(item.sigmas[:, None] * test.root[:, revealed], compute_uv=False)
                 result = replace(result, minimal=length * float(sizes[-1]))
                 if enu_by_unit is not None:
-                    root_m = enu_by_unit @ verdict.root_shift[: enu_by_unit.shape[1], revealed]
+                    root_m = enu_by_unit @ test.root_shift[: enu_by_unit.shape[1], revealed]
                     result = replace(result, shift_m=length * float(np.linalg.norm(root_m, 2)))
         results.append(result)
     return tuple(results)

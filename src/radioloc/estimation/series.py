@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from radioloc.constants import SECONDS_PER_DAY
 from radioloc.estimation.gauss_markov import Points, Series, SeriesNoise
-from radioloc.estimation.linearization import times
 from radioloc.labels import Labels, changed, distinct
 from radioloc.measurements.link import Link
 from radioloc.noise.covariance import ObservationCovariance
@@ -174,8 +173,8 @@ def add_rows(sums: Floats, place: NDArray[np.intp], values: Floats) -> None:
     sums += matrix.T @ values
 
 
-def points_of(series: IndependentSeries, rows_of: RowsOf, root: Floats) -> Points:
-    """Points of each series, averaged beyond :data:`MAX_POINTS`; their partials are multiplied by `root`."""
+def points_of(series: IndependentSeries, rows_of: RowsOf) -> Points:
+    """Points of each series, averaged beyond :data:`MAX_POINTS`: residuals in column 0, then partials."""
     place, begin, width_s = series.bins
     columns, squares = series.binned(series.whitener.whitened(rows_of))
     in_bin = np.bincount(place)
@@ -191,7 +190,7 @@ def points_of(series: IndependentSeries, rows_of: RowsOf, root: Floats) -> Point
         step_s=step_s,
         gain=np.sqrt(in_bin),
         residual=columns[:, 0].copy(),
-        unit=times(columns[:, 1:], root),
+        unit=columns[:, 1:],
         time_s=time_s,
     )
 
@@ -203,33 +202,28 @@ def link_contributions(
     from scipy.sparse import csr_array
 
     place, begin, _ = series.bins
-    widths, start = np.ones(begin[-1], dtype=np.intp), 0
-    for structure in series.whitener.structures:
-        widths[place[start : start + structure.rows.size]] = structure.rows.size // len(structure.rows)
-        start += structure.rows.size
+    widths = np.ones(begin[-1], dtype=np.intp)
+    for _, _, rows, bin_of in _binned_parts(series):
+        widths[bin_of] = rows.shape[1]
     first = np.cumsum(widths) - widths
-    code, sums, start = np.empty(widths.sum(), dtype=np.intp), np.zeros((0, 0)), 0
-    for structure in series.whitener.structures:
-        width = structure.rows.size // len(structure.rows)
-        for part in structure.parts():
-            rows = structure.rows[part].reshape(-1, width)
-            position = first[place[start : start + rows.size]].reshape(-1, width)
-            # Each combination of a block has a contribution of each member.
-            index = position[:, :, None] + np.arange(width)
-            code[index] = order.code[rows][:, None]
-            start += rows.size
-            if not isinstance(structure, Diagonal | Blocks):
-                values = structure.whiten(part, rows_of(rows[:, 0]))
-                sums = sums if sums.size else np.zeros((len(code), values.shape[1]))
-                add_rows(sums, position[:, 0], values)
-                continue
-            chosen, weight = _sampled(position[:, 0])
-            values = rows_of(rows[chosen].ravel())
+    code, sums = np.empty(widths.sum(), dtype=np.intp), np.zeros((0, 0))
+    for structure, part, rows, bin_of in _binned_parts(series):
+        width, position = rows.shape[1], first[bin_of]
+        # Each combination of a block has a contribution of each member.
+        index = position[:, :, None] + np.arange(width)
+        code[index] = order.code[rows][:, None]
+        if not isinstance(structure, Diagonal | Blocks):
+            values = structure.whiten(part, rows_of(rows[:, 0]))
             sums = sums if sums.size else np.zeros((len(code), values.shape[1]))
-            member = np.broadcast_to(np.arange(values.shape[0]).reshape(-1, 1, width), index[chosen].shape)
-            entries = _roots(structure, part, chosen) * weight[:, None, None]
-            shape = (len(sums), len(values))
-            sums += csr_array((entries.ravel(), (index[chosen].ravel(), member.ravel())), shape) @ values
+            add_rows(sums, position[:, 0], values)
+            continue
+        chosen, weight = _sampled(position[:, 0])
+        values = rows_of(rows[chosen].ravel())
+        sums = sums if sums.size else np.zeros((len(code), values.shape[1]))
+        member = np.broadcast_to(np.arange(values.shape[0]).reshape(-1, 1, width), index[chosen].shape)
+        entries = _roots(structure, part, chosen) * weight[:, None, None]
+        shape = (len(sums), len(values))
+        sums += csr_array((entries.ravel(), (index[chosen].ravel(), member.ravel())), shape) @ values
     point = np.repeat(np.arange(begin[-1]), widths)
     return point, code, sums / np.sqrt(np.bincount(place))[point, None]
 
@@ -237,27 +231,36 @@ def link_contributions(
 def binned_partials(series: IndependentSeries, rows_of: RowsOf) -> Floats:
     """Return sums (n, c) of whitened smooth columns in bins by the roots of their counts."""
     place, begin, _ = series.bins
-    sums, start = np.zeros((begin[-1], 0)), 0
+    sums = np.zeros((begin[-1], 0))
+    for structure, part, rows, bin_of in _binned_parts(series):
+        if isinstance(structure, Diagonal | Blocks):
+            chosen, weight = _sampled(bin_of[:, 0])
+            sample = structure.select(np.arange(len(structure.rows))[part][chosen])
+            values = sample.whiten(slice(None), rows_of(sample.rows.ravel()))
+            values *= np.repeat(weight, rows.shape[1])[:, None]
+            bin_of = bin_of[chosen]
+        else:
+            values = structure.whiten(part, rows_of(rows.ravel()))
+        sums = sums if sums.size else np.zeros((len(sums), values.shape[1]))
+        add_rows(sums, bin_of.ravel(), values)
+    return sums / np.sqrt(np.bincount(place))[:, None]
+
+
+def _binned_parts(
+    series: IndependentSeries,
+) -> Iterator[tuple[Structure, slice, NDArray[np.intp], NDArray[np.intp]]]:
+    """Yield the parts of each structure: rows (m, k) and the bins of their combinations (m, k)."""
+    start = 0
     for structure in series.whitener.structures:
         for part in structure.parts():
-            rows = structure.rows[part]
-            position = place[start : (start := start + rows.size)].reshape(len(rows), -1)
-            if isinstance(structure, Diagonal | Blocks):
-                chosen, weight = _sampled(position[:, 0])
-                sample = structure.select(np.arange(len(structure.rows))[part][chosen])
-                values = sample.whiten(slice(None), rows_of(sample.rows.ravel()))
-                values *= np.repeat(weight, position.shape[1])[:, None]
-                position = position[chosen]
-            else:
-                values = structure.whiten(part, rows_of(rows.ravel()))
-            sums = sums if sums.size else np.zeros((len(sums), values.shape[1]))
-            add_rows(sums, position.ravel(), values)
-    return sums / np.sqrt(np.bincount(place))[:, None]
+            rows = structure.rows[part].reshape(-1, structure.rows.size // len(structure.rows))
+            bin_of = series.bins[0][start : (start := start + rows.size)]
+            yield structure, part, rows, bin_of.reshape(rows.shape)
 
 
 def _sampled(place: NDArray[np.intp]) -> tuple[NDArray[np.intp], Floats]:
     """Choose rows of each run in one bin, evenly, and count the rows that each represents."""
-    starts = np.flatnonzero(changed(place[:, None]))
+    starts = np.flatnonzero(changed(place))
     count = np.diff(starts, append=len(place))
     rank, size = np.arange(len(place)) - np.repeat(starts, count), np.repeat(count, count)
     part = (_MAX_BIN_ROWS * np.stack([rank, rank - 1]) + size // 2) // size

@@ -82,7 +82,7 @@ def assess_time_correlation(
     root = fit.factor.root_covariance()
     series = independent_series(order, fit.noise, fit.used) if series is None else series
     q = root.shape[1]
-    points, free = points_of(series, column(fit.residual_m), np.zeros((0, 0))), fit.parameters.free
+    points, free = points_of(series, column(fit.residual_m)), fit.parameters.free
     partials = binned_partials(series, lambda rows: fit.linearization.partials(rows)[:, free])
     points = replace(points, unit=times(partials, root))
     noise = noise_of_series(*_without_considered(fit, points), significant=False)

@@ -69,13 +69,17 @@ def fixed_parameter_blocks(arc: Predictor, parameters: Iterable[Parameter]) -> l
 
 def term_errors(model: ObservationModel, x: Floats) -> ConsideredErrors | None:
     """Return each switched-off term of the model as a parameter: 1 if the observations contain the term."""
-    predictor, motions = model.predictor, model.motions(x)
-    physical, effects_m = predictor.model, dict[str, Floats]()
-    for name in TERMS:
-        if physical.has(name) or (name == "ionosphere" and physical.ionosphere is None):
-            continue
+    predictor, physical, effects_m = model.predictor, model.predictor.model, dict[str, Floats]()
+    names = [name for name in TERMS if not physical.has(name)]
+    if physical.ionosphere is None and "ionosphere" in names:
+        names.remove("ionosphere")
+    if not names:
+        return None
+    motions = model.motions(x)
+    value_m = predictor.predict(motions).value_m
+    for name in names:
         with_term = predictor.with_model(physical.with_terms(physical.terms | {name}), motions)
-        effect_m = with_term.predict(motions).value_m - predictor.predict(motions).value_m
+        effect_m = with_term.predict(motions).value_m - value_m
         if effect_m.any():
             effects_m[f"{TERM}.{name}"] = effect_m
     if not effects_m:

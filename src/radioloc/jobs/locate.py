@@ -51,9 +51,7 @@ from radioloc.targets.doubts import FittedObservations
 
 logger = logging.getLogger(__name__)
 
-_MAX_SHIFT_M = (
-    1e3  # change of a position that leaves its visibility: 0.5 arc seconds of a station's elevation
-)
+_MAX_SHIFT_M = 1e3  # of a position that keeps its visibility: 0.5 arc seconds of a station's elevation
 _MAX_VISIBILITY_DECISIONS = 4  # fits with new visibility: observations at a limit could alternate
 
 

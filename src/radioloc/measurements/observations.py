@@ -474,8 +474,10 @@ def without_duplicates(observations: Observations, *, first_counts: bool = False
     files = observations.file[first] != observations.file[second]
     value_m, sigma_m, wavelength_um = observations.value_m, observations.sigma_m, observations.wavelength_um
     # Of values that occur twice, both are one measurement, as another one has other digits.
-    _, index, value_counts = np.unique(value_m, return_inverse=True, return_counts=True)
-    is_repeated = (value_m[first] == value_m[second]) & (value_counts[index[first]] == 2)
+    is_repeated = value_m[first] == value_m[second]
+    repeated_m = value_m[np.isin(value_m, value_m[first[is_repeated]])]
+    values_m, value_counts = np.unique(repeated_m, return_counts=True)
+    is_repeated &= np.isin(value_m[first], values_m[value_counts == 2])
     rounded = (is_multiple[:, first] != is_multiple[:, second]).any(axis=0) | is_repeated
     rounded &= difference_us > _EPOCH_TOLERANCE_US
     simultaneous = (difference_us <= _EPOCH_TOLERANCE_US) | rounded

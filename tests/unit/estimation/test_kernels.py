@@ -191,7 +191,7 @@ def test_sums_of_bins_are_those_of_whitened_values(monkeypatch, at_once):
     series = IndependentSeries(
         names("ab"), StructuredWhitener(24, (blocks,)), np.tile([0, 1], 12), np.repeat(time_s, 2)
     )
-    result = points_of(series, lambda rows: values[rows], np.eye(2))
+    result = points_of(series, lambda rows: values[rows])
     whitened = np.moveaxis(blocks.roots @ values[rows], 1, 0)
     place, _ = bins(time_s, 4)
     in_bin = place == np.arange(place[-1] + 1)[:, None]

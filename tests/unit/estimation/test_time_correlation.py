@@ -92,7 +92,7 @@ def test_long_series_are_averaged_and_gaps_take_no_bins():
     fit, types, path, time_s = line(n=3000, series=1)
     time_s = time_s + np.where(time_s > time_s.mean(), 1e7, 0.0)
     series = independent_series(SeriesOrder.from_labels(types, path, time_s), fit.noise, fit.used)
-    binned = points_of(series, column(fit.residual_m), np.zeros((0, 0)))
+    binned = points_of(series, column(fit.residual_m))
     assert len(binned.step_s) == pytest.approx(MAX_POINTS, abs=5)
     assert (binned.gain**2).sum() == 3000
     assert (binned.step_s[1:] > 0.0).all()

@@ -9,6 +9,7 @@ from collections.abc import Mapping
 
 from radioloc.media.axis_offset import AntennaAxisOffset
 from radioloc.media.csp import read_csp
+from radioloc.media.elevation_delay import ElevationDelay
 from radioloc.media.ionex import read_ionex
 from radioloc.media.ionosphere import Ionosphere, UniformTec
 from radioloc.media.medium import Leg, LegDelay, LegEnd, Medium, Status
@@ -18,6 +19,7 @@ from radioloc.plugins import Registry
 
 __all__ = [
     "MEDIA",
+    "ElevationDelay",
     "Leg",
     "LegDelay",
     "LegEnd",

@@ -162,15 +162,18 @@ REFUSALS = {
 COMBINATIONS = [(job, target) for job in JOBS for target in TARGETS]
 
 
-def test_page_lists_all_refusals():
+def test_page_lists_all_combinations():
     page = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
     section = page.partition("## Targets and jobs\n")[2].partition("\n## ")[0]
-    lines = [line for line in section.splitlines() if line.startswith("|")]
-    rows = [
-        [[name.strip(" `") for name in cell.split(",")] for cell in line.split("|")[1:3]]
-        for line in lines[2:]
-    ]
-    assert {(job, target) for jobs, targets in rows for job in jobs for target in targets} == set(REFUSALS)
+    head, _, *rows = (
+        [cell.strip(" `") for cell in line.split("|")[1:-1]]
+        for line in section.splitlines()
+        if line[:1] == "|"
+    )
+    cells = {(job, target): cell for job, *row in rows for target, cell in zip(head[1:], row, strict=True)}
+    assert cells.keys() == set(COMBINATIONS)
+    assert {key for key, cell in cells.items() if cell != "works"} == set(REFUSALS)
+    assert all(f"- **{cell}**: " in section for cell in cells.values() if cell != "works")
 
 
 @pytest.mark.study

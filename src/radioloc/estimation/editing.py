@@ -196,7 +196,9 @@ def run_reasons(edited: EditedFit, runs: Iterable[Rows]) -> dict[int, str]:
     for rows in runs:
         mean_m = float(edited.fit.residual_m[rows].mean())
         sign = "-" if mean_m < 0.0 else "+"
-        text = f"outlier, one of {len(rows)} in succession, {sign}{_format_length(abs(mean_m))} m in the mean"
+        text = (
+            f"outlier: one of {len(rows)} in succession with a mean of {sign}{_format_length(abs(mean_m))} m"
+        )
         reasons |= dict.fromkeys(rows.tolist(), text)
     return reasons
 

@@ -7,7 +7,7 @@ import io
 import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -203,7 +203,11 @@ def residual_table(rows: Residuals) -> Table:
             "residuals.csv: expected elevations of the solution; give elevation_deg to build_solution"
         )
     columns: dict[str, Any] = {"epoch_utc": rows.epoch_utc, "type": rows.types, "path": rows.paths}
-    columns |= {name: getattr(rows, name) for name in _RESIDUAL_DECIMALS} | {"status": rows.statuses}
+    columns |= {name: getattr(rows, name) for name in _RESIDUAL_DECIMALS}
+    # Cells have no quotation marks, so that tools which split lines at commas read them.
+    columns["status"] = replace(
+        rows.statuses, texts=tuple(text.replace(",", ";") for text in rows.statuses.texts)
+    )
     if rows.count_s is not None and not np.isnan(rows.count_s).all():
         columns["residual_mm_s"] = rows.residual_mm_s
     for name in ("observed_m", "computed_m", "residual_m", "sigma_m"):

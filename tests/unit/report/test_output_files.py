@@ -11,6 +11,7 @@ from radioloc.errors import InputError
 from radioloc.estimation.editing import outlier_reason
 from radioloc.estimation.statistics import Residuals
 from radioloc.labels import Labels
+from radioloc.media import Status
 from radioloc.report.files import write_content, write_json
 from radioloc.results.tables import residual_table
 from radioloc.time import Epochs, epochs_from_strings
@@ -72,6 +73,17 @@ def test_many_residuals_are_written_with_the_digits_of_each(tmp_path):
     assert written[0] == "epoch_utc,type,path,observed_m,computed_m,residual_m,sigma_m,elevation_deg,status"
     assert written[1:-1] == [",".join(row) for row in expected]
     assert any("is 1" in line and "outlier" in line for line in written)
+
+
+@pytest.mark.parametrize("status", [status for status in Status if status.text()])
+def test_reasons_with_commas_keep_the_columns(status, tmp_path):
+    write_content(
+        tmp_path / "residuals.csv",
+        residual_table(two_rows(statuses=Labels.from_texts(["used", status.text()]))),
+    )
+    [heading, *lines] = (tmp_path / "residuals.csv").read_text(encoding="utf-8").splitlines()
+    assert [line.count(",") for line in lines] == [heading.count(",")] * 2
+    assert lines[1].rpartition(",")[2] == status.text().replace(",", ";")
 
 
 @pytest.mark.slow

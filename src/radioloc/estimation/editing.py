@@ -90,6 +90,11 @@ class EditedFit:
         return outliers
 
     @property
+    def has_excess(self) -> bool:
+        """True if so many observations exceed the limit that none is rejected."""
+        return not self.complete and bool(self.fit.used[self.initial_status.are(USED)].all())
+
+    @property
     def ended(self) -> bool:
         """True if fit and editing ended; parameters may be undetermined."""
         return self.complete and self.fit.status in (FitStatus.CONVERGED, FitStatus.UNOBSERVABLE)

@@ -89,14 +89,16 @@ class _Problem:
     start: Floats | None
 
     def fit_with(self, added_m: Floats, previous: EditedFit | None) -> EditedFit:
-        """Fit with components (n,), m, from a previous fit if that converged."""
+        """Fit with components (n,), m, from a previous fit if that converged and its outliers were rejected."""
         return fit_with_editing(
             self.residual_function,
             self.parameters,
             self.stated.plus(White(added_m)),
             status=self.initial_status,
             threshold=self.threshold,
-            previous=previous if previous is not None and previous.converged else None,
+            previous=previous
+            if previous is not None and previous.fit.converged and not previous.has_excess
+            else None,
             start=self.start,
         )
 

@@ -53,7 +53,7 @@ def fit_fields(solution: Solution) -> Iterator[Field]:
         Field("data", _data_lines(solution.residuals)),
         Field("fit", _fit_lines(solution)),
         _correlation_field(solution),
-        Field("misfit", finding_lines(solution, outside_ellipsoid=False)),
+        Field("misfit", finding_lines(solution, in_status=False)),
         Field("reliability", reliability_lines(solution.consistency.reliability)),
         *_residual_fields(solution),
     )
@@ -72,12 +72,13 @@ def rejected_detail(solution: Solution) -> Detail:
     return Detail(REJECTED, f"{title}, the largest residuals first", (field,), count <= _MAX_UNFOLDED)
 
 
-def finding_lines(solution: Solution, *, outside_ellipsoid: bool) -> Iterator[str]:
-    """Yield the findings that move the position out of its 68 % ellipsoid, or all others, and the adapted position."""
-    texts = [str(item) for item in select_findings(solution, outside_ellipsoid=outside_ellipsoid)]
-    yield from (f"WARNING: {text}" if outside_ellipsoid else text for text in texts)
+def finding_lines(solution: Solution, *, in_status: bool) -> Iterator[str]:
+    """Yield the findings that stand below the status, or all others, and the adapted position."""
+    texts = [str(item) for item in select_findings(solution, in_status=in_status)]
+    prefix = "WARNING: " if solution.converged else "likely cause: "
+    yield from (f"{prefix if in_status else ''}{text}" for text in texts)
     adapted, count = solution.with_findings(), len(solution.consistency.findings)
-    if adapted is None or not texts or not (outside_ellipsoid or len(texts) == count):
+    if adapted is None or not texts or not (in_status or len(texts) == count):
         return
     longitude_deg, latitude_deg, height_m = adapted.selenographic
     yield (
@@ -87,10 +88,14 @@ def finding_lines(solution: Solution, *, outside_ellipsoid: bool) -> Iterator[st
     )
 
 
-def select_findings(solution: Solution, *, outside_ellipsoid: bool) -> Iterator[ConsistencyTest]:
-    """Yield the findings that move the position out of its 68 % ellipsoid, or all others."""
+def select_findings(solution: Solution, *, in_status: bool) -> Iterator[ConsistencyTest]:
+    """Yield the findings that stand below the status, or all others.
+
+    These are the likely causes if the solution is not usable, and findings that move the position out of its 68 %
+    ellipsoid.
+    """
     for finding in solution.consistency.findings:
-        if outside_ellipsoid == _is_outside_ellipsoid(solution, finding.shift_enu_m):
+        if in_status == (not solution.converged or _is_outside_ellipsoid(solution, finding.shift_enu_m)):
             yield finding
 
 

@@ -218,9 +218,12 @@ def _status_lines(solution: Solution) -> Iterator[str]:
     state = "CONVERGED" if solution.converged else solution.status.upper()
     iterations = plural(solution.iterations, "iteration")
     yield f"{state} ({iterations}, {plural(solution.passes, 'editing pass', 'es')})"
+    findings = finding_lines(solution, in_status=True)
+    if not solution.converged:
+        yield from findings
     if solution.message:
         yield solution.message
-    yield from finding_lines(solution, outside_ellipsoid=True)
+    yield from findings
 
 
 def _position_lines(solution: Solution) -> Iterator[str]:

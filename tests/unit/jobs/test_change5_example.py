@@ -8,6 +8,7 @@ from paths import EXAMPLES
 
 import radioloc
 from radioloc import compare
+from radioloc.earth.geodesy import rot_itrf_to_enu
 from radioloc.imaging import read_image_study
 from radioloc.report.files import write_json
 
@@ -90,3 +91,21 @@ def test_residuals_are_those_of_the_paper():
         assert used.sum() > 3000
         assert np.abs(rows.residual_m[used]).max() < largest_m
     assert arc_study.longest.fit.total.rejected < 0.01 * len(rows)
+
+
+@pytest.mark.slow
+def test_a_station_80_m_off_is_the_likely_cause():
+    """Its ranges are rejected in hundreds, a few more in each pass of the editing."""
+    study = radioloc.read_study(EXAMPLE)
+    station = study.catalogue["KASHI"]
+    displaced = replace(station, itrf_m=station.itrf_m + np.array([80.0, 0.0, 0.0]))
+    solution = radioloc.locate(replace(study, catalogue=study.catalogue.with_station(displaced)))
+    assert not solution.converged
+    assert solution.passes < 5
+    [finding] = solution.consistency.findings
+    assert finding.name.startswith("station_position.KASHI")
+    shift_m = rot_itrf_to_enu(station.itrf_m) @ [-80.0, 0.0, 0.0]
+    np.testing.assert_allclose([*finding.amounts.values()], shift_m, rtol=0, atol=8.0)
+    sigma_m = np.linalg.norm(solution.with_findings().sigma_enu_m())
+    intact_m = radioloc.locate(study).position.xyz_m
+    assert np.linalg.norm(solution.with_findings().position.xyz_m - intact_m) < sigma_m

@@ -1,12 +1,17 @@
 """Observations in and out (tables, normal points, messages, orbit data files, frequencies); solutions out."""
 
-from radioloc.io.exporters import EXPORTERS, Exporter, ExportOptions, export_solutions
-from radioloc.io.formats import READERS, Reader, ReadSettings, read_observations, write_observations
-from radioloc.io.frequencies import FrequencyAgreement, read_sites
-from radioloc.io.gis import write_gis
-from radioloc.io.spice_kernels import write_spice
-from radioloc.io.table import read_table, write_table
-from radioloc.io.tdm import TdmAgreement, read_tdm, write_tdm
+from typing import TYPE_CHECKING
+
+from radioloc.lazy import lazy_exports as _lazy_exports
+
+if TYPE_CHECKING:  # imported on first use
+    from radioloc.io.exporters import EXPORTERS, Exporter, ExportOptions, export_solutions
+    from radioloc.io.formats import READERS, Reader, ReadSettings, read_observations, write_observations
+    from radioloc.io.frequencies import FrequencyAgreement, read_sites
+    from radioloc.io.gis import write_gis
+    from radioloc.io.spice_kernels import write_spice
+    from radioloc.io.table import read_table, write_table
+    from radioloc.io.tdm import TdmAgreement, read_tdm, write_tdm
 
 __all__ = [
     "EXPORTERS",
@@ -28,3 +33,16 @@ __all__ = [
     "write_table",
     "write_tdm",
 ]
+
+__getattr__, __dir__ = _lazy_exports(
+    __name__,
+    {
+        "exporters": "EXPORTERS Exporter ExportOptions export_solutions",
+        "formats": "READERS Reader ReadSettings read_observations write_observations",
+        "frequencies": "FrequencyAgreement read_sites",
+        "gis": "write_gis",
+        "spice_kernels": "write_spice",
+        "table": "read_table write_table",
+        "tdm": "TdmAgreement read_tdm write_tdm",
+    },
+)

@@ -54,11 +54,10 @@ class Columns:
         code = np.broadcast_to(self.code[index], (len(rows), ends))
         out = np.zeros((len(self), len(rows))).T if out is None else out
         for end in range(ends):
-            for group in np.flatnonzero(np.bincount(code[:, end] + 1)[1:]):
-                in_group = code[:, end] == group
-                for component in range(components):
-                    column = np.where(in_group, partials[:, end, component], 0.0)
-                    out[:, group * components + component] += column
+            members = np.flatnonzero(code[:, end] >= 0)
+            first_column = components * code[members, end]
+            for component in range(components):
+                out.T[first_column + component, members] += partials[members, end, component]
         return out
 
 

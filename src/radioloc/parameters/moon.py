@@ -17,7 +17,7 @@ from radioloc.lunar.tide import solid_tide
 from radioloc.parameters.kind import Members, ParameterKind, Scope, Sigmas, all_observations
 from radioloc.parameters.rows import ObservationRows
 from radioloc.time import Epochs
-from radioloc.vectors import Floats, dot, rtn_axes
+from radioloc.vectors import Floats, cross, dot, rtn_axes
 
 _MJD_2000, _DAYS_PER_YEAR, _DAYS_PER_CENTURY = 51544.5, 365.25, 36525.0
 _LONGITUDE_TERMS = {"365d": (0, 1, 0, 0, 0), "206d": (2, 0, 0, -2, 0), "1095d": (-2, 0, 2, 0, 0)}
@@ -40,7 +40,7 @@ def _moon_position(rows: ObservationRows) -> Floats:
 
 def _libration(rows: ObservationRows) -> Floats:
     # A rotation by e about an axis moves the target by e x r, so that the partial is r x by_position along the axis.
-    return np.cross(rows.target_pa_m, rows.computed.by_position_pa)[:, None, :]
+    return cross(rows.target_pa_m, rows.computed.by_position_pa)[:, None, :]
 
 
 def _longitude_libration(rows: ObservationRows) -> Floats:

@@ -30,7 +30,7 @@ from radioloc.time import (
     utc_strings,
     utc_to_tai,
 )
-from radioloc.vectors import Floats
+from radioloc.vectors import Floats, cross, dot, length
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -208,8 +208,7 @@ def _flies(target: Target | AtInfinity) -> bool:
 
 def _elevation_rad(away_m: Floats, up: Floats) -> Floats:
     # arctan2 keeps its digits near the zenith, where arcsin loses half of them.
-    across = np.linalg.norm(np.cross(up, away_m), axis=-1)
-    return np.arctan2(np.einsum("ni,ni->n", up, away_m), across)
+    return np.arctan2(dot(up, away_m), length(cross(up, away_m)))
 
 
 class Sight:

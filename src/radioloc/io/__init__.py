@@ -9,6 +9,7 @@ if TYPE_CHECKING:  # imported on first use
     from radioloc.io.formats import READERS, Reader, ReadSettings, read_observations, write_observations
     from radioloc.io.frequencies import FrequencyAgreement, read_sites
     from radioloc.io.gis import write_gis
+    from radioloc.io.orekit import from_orekit, to_orekit
     from radioloc.io.spice_kernels import write_spice
     from radioloc.io.table import read_table, write_table
     from radioloc.io.tdm import TdmAgreement, read_tdm, write_tdm
@@ -23,10 +24,12 @@ __all__ = [
     "Reader",
     "TdmAgreement",
     "export_solutions",
+    "from_orekit",
     "read_observations",
     "read_sites",
     "read_table",
     "read_tdm",
+    "to_orekit",
     "write_gis",
     "write_observations",
     "write_spice",
@@ -41,6 +44,7 @@ __getattr__, __dir__ = _lazy_exports(
         "formats": "READERS Reader ReadSettings read_observations write_observations",
         "frequencies": "FrequencyAgreement read_sites",
         "gis": "write_gis",
+        "orekit": "from_orekit to_orekit",
         "spice_kernels": "write_spice",
         "table": "read_table write_table",
         "tdm": "TdmAgreement read_tdm write_tdm",

@@ -95,11 +95,11 @@ def from_orekit(measurements: Iterable[Any]) -> Observations:
     )
 
 
-def _require_orekit(where: str) -> None:
-    optional("orekit_jpype", f"{where}:", "bench")
-    if not optional("jpype", f"{where}:", "bench").isJVMStarted():
+def _require_orekit(function: str) -> None:
+    optional("orekit_jpype", f"{function}:", "bench")
+    if not optional("jpype", f"{function}:", "bench").isJVMStarted():
         raise InputError(
-            f"{where}: expected a running Java machine; call orekit_jpype.initVM() and load Orekit's data"
+            f"{function}: expected a running Java machine; call orekit_jpype.initVM() and load Orekit's data"
         )
 
 

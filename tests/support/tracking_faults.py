@@ -372,6 +372,18 @@ def wrong_uplink(world: World, case: Case, _: np.random.Generator) -> Case:
     return with_values(case, 1e-3 * case.observations.value_m * rows)
 
 
+def wrong_turnaround(world: World, case: Case, _: np.random.Generator) -> Case:
+    """Compute Doppler in X band by the turnaround ratio of X up and S down, 240/749 for 880/749."""
+    observations = case.observations
+    rows = observations.types() == "doppler"
+    wavelength_um = np.where(
+        rows, 1e6 * C_M_S * 749.0 / 240.0 / observations.uplink_hz, observations.wavelength_um
+    )
+    count_m = C_M_S * observations.count_s
+    value_m = np.where(rows, count_m - 880.0 / 240.0 * (count_m - observations.value_m), observations.value_m)
+    return replace(case, observations=replace(observations, value_m=value_m, wavelength_um=wavelength_um))
+
+
 def wrong_weather(factor: float) -> Change:
     """Multiply recorded pressures, as of another unit."""
 
@@ -623,6 +635,7 @@ FAULTS: tuple[Fault, ...] = (
     ),
     Fault("cycle slips", "slip|" + _OUTLIERS, cycle_slips, ("dsn", "grail")),
     Fault("wrong uplink frequency", "scale|frequenc|uplink", wrong_uplink, ("dsn", "grail")),
+    Fault("wrong turnaround ratio", "turnaround", wrong_turnaround, ("dsn", "grail")),
     Fault("gravity truncated", "gravity|harmonic|degree|forces", fewer_harmonics(10), ("grail",)),
     Fault("manoeuvre not modelled", "manoeuvre", of_world(_with_manoeuvre), ("grail",)),
     Fault("solar pressure 10 times", "radiation|solar pressure", solar_pressure(10.0), ("grail",)),

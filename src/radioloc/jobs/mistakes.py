@@ -20,7 +20,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.constants import SECONDS_PER_DAY
+from radioloc.constants import C_M_S, SECONDS_PER_DAY
 from radioloc.ephemeris import EphemerisConstants
 from radioloc.errors import ConvergenceError, InputError, RadiolocError
 from radioloc.estimation.consistency_results import SIGNIFICANCE_LEVEL, ConsistencyTest
@@ -33,10 +33,12 @@ from radioloc.measurements.evaluation import prepare_predictor
 from radioloc.measurements.link import Link
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.predictor import Predictor
+from radioloc.measurements.ramps import DOWNLINK, UPLINK, turnaround_ratio
 from radioloc.measurements.registry import KINDS, MEASUREMENTS, TIME_TAGS
 from radioloc.parameters.columns import PASS_GAP_H
 from radioloc.parameters.parameter import ParameterSet
 from radioloc.results.solution import Solution
+from radioloc.study.observation_choice import with_turnaround
 from radioloc.study.study import Study
 from radioloc.targets.design import ObservationModel
 from radioloc.time import Epochs, utc_strings, utc_to_tai, utc_to_tt
@@ -57,6 +59,7 @@ _FACTORS = {
 }
 _TAGS = dict(zip(TIME_TAGS, ("transmission", "reception", "bounce"), strict=True))
 _PRESSURE_UNITS_HPA = {"mmHg": 1.333224, "kPa": 10.0, "inHg": 33.86389}
+_MIN_RATIO_CHANGE = 0.01  # of turnaround ratios, which differ by 8 % and more
 _MAX_PASSES = 12  # of a station with hypotheses of their own
 
 
@@ -66,7 +69,7 @@ class Mistake:
 
     name: str  # sentence
     rows: NDArray[np.bool_]  # (n,)
-    factor: float = 1.0  # of the values
+    value_m: Floats | None = None  # (n,), corrected values
     corrected: Observations | None = None  # predicted in place of the rows
 
 
@@ -192,7 +195,8 @@ def mistakes(observations: Observations) -> Iterator[Mistake]:
                 *((f"{values} {span}", part) for span, part in _passes(observations, of_kind)),
             ]
             for (name, part), (text, factor) in itertools.product(parts, _FACTORS.items()):
-                yield Mistake(f"{name} {text}", part, factor)
+                yield Mistake(f"{name} {text}", part, factor * observations.value_m)
+    yield from _turnaround_mistakes(observations, owners)
     if np.isfinite(observations.count_s).any():
         for text, factor in (("half of the right ones", 2.0), ("twice the right ones", 0.5)):
             corrected = replace(observations, count_s=factor * observations.count_s)
@@ -213,6 +217,24 @@ def mistakes(observations: Observations) -> Iterator[Mistake]:
                 observations.link == k,
                 corrected=corrected,
             )
+
+
+def _turnaround_mistakes(
+    observations: Observations, owners: list[tuple[str, NDArray[np.bool_]]]
+) -> Iterator[Mistake]:
+    """Yield hypotheses on the turnaround ratio by which Doppler follows from received frequencies."""
+    stated = 1e6 * C_M_S / (observations.wavelength_um * observations.uplink_hz)
+    index = np.flatnonzero((observations.kind == KINDS.index("doppler")) & np.isfinite(stated))
+    for up, down in itertools.product(UPLINK, DOWNLINK) if len(index) else ():
+        ratio, value_m = turnaround_ratio(up, down), observations.value_m.copy()
+        value_m[index] = with_turnaround(observations, index, float(ratio))
+        is_other = np.isin(np.arange(len(stated)), index) & (
+            abs(stated / float(ratio) - 1.0) > _MIN_RATIO_CHANGE
+        )
+        for owner, rows in owners:
+            if (changed := rows & is_other).any():
+                of_owner = f"the turnaround ratio of Doppler of {owner}"
+                yield Mistake(f"{of_owner} is {ratio}, not {stated[changed][0]:.6g}", changed, value_m)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -262,9 +284,9 @@ class _Predictions:
                     linear = linear.mixed(self._linear(model, x, is_start), mistake.rows)
             except (ConvergenceError, InputError):  # steps that led far from the Moon, or into it
                 return np.full(len(self.sigma_m), math.inf)
-            if mistake is not None and mistake.corrected is None:
+            if mistake is not None and mistake.value_m is not None:
                 value_m = self.arc.observations.value_m
-                change_m = np.where(mistake.rows, (mistake.factor - 1.0) * value_m, 0.0)
+                change_m = np.where(mistake.rows, mistake.value_m - value_m, 0.0)
                 linear = replace(linear, residual_m=linear.residual_m + change_m)
             step, squares = _robust_step(linear, self.sigma_m, corrected_model.parameters, x)
             x = x + step

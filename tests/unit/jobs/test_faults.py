@@ -37,6 +37,7 @@ def test_benchmark_has_enough_faults_and_cells():
         ("dsn", "troposphere switched off"),
         ("dsn", "stations exchanged"),
         ("dsn", "sign reversed in a pass"),
+        ("dsn", "wrong turnaround ratio"),
         ("three-way", "values in km"),
         ("vlbi", "all stations 30 m up"),
         ("vlbi", "link reversed"),

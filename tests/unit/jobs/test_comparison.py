@@ -11,6 +11,7 @@ from recorded import recorded
 from radioloc import compare
 from radioloc.cli import main
 from radioloc.errors import InputError
+from radioloc.jobs.comparison import published_objects
 
 # Wang et al. (2021), table 1: longitude W, latitude N, and differences to the first in m, which it gives to 0.1.
 TABLE_1 = {
@@ -126,6 +127,13 @@ def test_other_files_frames_and_references_are_refused(table, tmp_path, capsys):
         compare([3])
     with pytest.raises(InputError, match=r"Image matching.*'LOLA'"):
         compare(table, "LOLA")
+
+
+def test_all_soft_landers_have_published_positions():
+    landers = [f"Apollo {k}" for k in (11, 12, 14, 15, 16, 17)] + [f"Surveyor {k}" for k in (1, 3, 5, 6, 7)]
+    landers += [f"Luna {k}" for k in (9, 13, 16, 17, 20, 21, 23, 24)] + [f"Chang'e-{k}" for k in (3, 4, 5, 6)]
+    landers += ["Chandrayaan-3", "SLIM", "IM-1", "IM-2", "Blue Ghost 1"]
+    assert set(landers) <= set(published_objects())
 
 
 def test_published_positions_are_compared_with_their_sigmas(tmp_path):

@@ -18,6 +18,26 @@ from radioloc.jobs.problem import EstimationProblem
 FOLDS = 12
 
 
+def other_causes(observations, station_partials):
+    """Columns of the air (weather by station), of the year, and of Earth rotations that vary with it; sigmas, m."""
+    year = (observations.epoch.mjd - 51544.5) / 365.25 * 2 * np.pi
+    annual = np.array([wave(k * year) for k in (1, 2) for wave in (np.cos, np.sin)]).T
+    names = np.array([link.receiver for link in observations.links])[observations.link]
+    weather = []
+    for name in np.unique(names):
+        rows = names == name
+        for values in (observations.pressure_hpa, observations.temperature_k):
+            weather.append(np.where(rows, (values - values[rows].mean()) / 10.0, 0.0))  # hPa, K
+    gradient = station_partials.reshape(len(names), -1, 3).sum(axis=1)  # by the station of each range
+    catalogue = radioloc.StationCatalogue.default()
+    places = np.array(
+        [catalogue.get(name).itrf_m / np.linalg.norm(catalogue.get(name).itrf_m) for name in names]
+    )
+    rotations = np.cross(places, gradient)
+    earth = (rotations[:, :, None] * annual[:, None, :]).reshape(len(names), -1)
+    return {"air": (np.array(weather).T, 0.03), "annual": (annual, 0.05), "earth": (earth, 0.05)}
+
+
 class Nights:
     """Ranges of the four reflectors, one way, with models as blocks of columns and their a-priori sigmas."""
 
@@ -43,6 +63,7 @@ class Nights:
             "libration": (columns["longitude_libration"], 1e-7),
             "orbit": (columns["moon_position"][:, :1] * np.hstack(waves), 0.05),
         }
+        self.blocks |= other_causes(arc.observations, columns["station_position"])
         self.rows = np.arange(len(self.residual_m))
         for _ in range(3):  # outliers of the complete model
             residual_m = self.fit(self.rows, ("libration", "orbit"))[2]
@@ -116,3 +137,12 @@ def test_monthly_orbit_terms_reduce_the_common_error_of_a_night(older, newer):
         assert rms_m[name][1] < 0.93 * rms_m[name][0]
     # An ephemeris with thirteen years of data more predicts better, which no error of stations explains.
     assert rms_m["de440"][0] < 0.85 * rms_m["de421"][0]
+
+
+@pytest.mark.slow
+def test_other_causes_than_the_orbit_do_not_predict_other_nights(newer):
+    for base in (("libration",), ("libration", "orbit")):
+        rms_m = newer.predicted_rms_m(base)
+        assert all(
+            newer.predicted_rms_m((*base, cause)) > 0.98 * rms_m for cause in ("air", "annual", "earth")
+        )

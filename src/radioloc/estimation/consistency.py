@@ -36,7 +36,17 @@ from radioloc.estimation.group_tests import (
     estimate_change,
     f_log_p_value,
 )
-from radioloc.estimation.hypotheses import ALL, FORCES, Family, Hypotheses, Hypothesis, Links, Span, passes
+from radioloc.estimation.hypotheses import (
+    ALL,
+    FORCES,
+    Family,
+    Hypotheses,
+    Hypothesis,
+    Links,
+    Span,
+    passes,
+    products_of,
+)
 from radioloc.estimation.reliability import assess_reliability
 from radioloc.estimation.series import SeriesOrder
 from radioloc.noise.whitening import Rows
@@ -61,8 +71,12 @@ class _Candidate:
     score_test: ScoreTest
     test_count: int  # number of tests in its family
     log_p_value: float  # corrected for the number of tests
-    indices: tuple[int, ...] = ()  # of the columns in products of all hypotheses
     alternatives: tuple[_Candidate, ...] = ()
+
+    @property
+    def width(self) -> int:
+        """Number of columns."""
+        return int(self.hypothesis.columns.shape[1])
 
     @property
     def is_group(self) -> bool:
@@ -196,9 +210,7 @@ class _GrossErrorSearch:
                 add(kind, name, links)
         return groups
 
-    def test_hypotheses(
-        self, problem: BinnedProblem, group: _Candidate | None = None
-    ) -> tuple[ScoreProducts, list[_Candidate]]:
+    def test_hypotheses(self, problem: BinnedProblem, group: _Candidate | None = None) -> list[_Candidate]:
         """Test all hypotheses, steps at their most significant epochs, and a group again."""
         hypotheses = list(self.hypotheses.continuous)
         counts = Counter(item.family for item in hypotheses)
@@ -211,20 +223,18 @@ class _GrossErrorSearch:
         if group is not None:
             hypotheses.append(group.hypothesis)
             counts[Family.GROUP] = group.test_count
-        products = problem.products(np.hstack([item.columns for item in hypotheses]))
-        candidates, begin = list[_Candidate](), 0
-        for item in hypotheses:
-            indices = tuple(range(begin, begin := begin + item.columns.shape[1]))
+        candidates = list[_Candidate]()
+        for item, products, indices in products_of(problem, hypotheses):
             score_test = products.test(indices, item.links, scaled=item.family is Family.GROUP)
             if score_test is not None:
-                candidates.append(_candidate(item, score_test, counts[item.family], indices))
-        return products, candidates
+                candidates.append(_candidate(item, score_test, counts[item.family]))
+        return candidates
 
     def find_most_significant(
         self, problem: BinnedProblem, group_tests: list[_Candidate]
     ) -> _Candidate | None:
         """Return the most significant error or group, with alternatives that the data cannot exclude."""
-        _, candidates = self.test_hypotheses(problem)
+        candidates = self.test_hypotheses(problem)
         initial = min([*candidates, *group_tests], key=_log_p_value, default=None)
         if initial is None or initial.score_test.chi2 == 0.0:  # residuals are zero
             return None
@@ -232,18 +242,18 @@ class _GrossErrorSearch:
         for _ in range(_MAX_ROUND_COUNT):
             previous = best.hypothesis
             reweighted = problem.with_noise_of(problem.with_columns(previous.columns))
-            products, candidates = self.test_hypotheses(reweighted, best if best.is_group else None)
+            candidates = self.test_hypotheses(reweighted, best if best.is_group else None)
             best = min(candidates, key=_log_p_value, default=best)
             if (best.hypothesis.kind, best.hypothesis.name) == (previous.kind, previous.name):
                 break
         score_test = best.score_test
-        noise_dof = products.noise_dof(best.indices, score_test.estimate)
+        noise_dof = reweighted.products(best.hypothesis.columns).noise_dof(score_test.estimate)
         chi2 = score_test.chi2 / score_test.variance_factor
         log_p_value = f_log_p_value(chi2, score_test.dof, noise_dof) + _log_test_count(best.test_count)
         best = replace(best, log_p_value=min(initial.log_p_value, log_p_value))
         if best.log_p_value >= _LOG_SIGNIFICANCE_LEVEL:
             return best
-        return _with_alternatives(best, products, candidates, noise_dof)
+        return _with_alternatives(best, reweighted, candidates, noise_dof)
 
     def is_rejected_series(self, finding: _Candidate) -> bool:
         """Return whether a finding is a step or offset of a series whose outliers are most of it."""
@@ -347,48 +357,66 @@ def _step_index(values: Floats) -> int:
 
 
 def _with_alternatives(
-    best: _Candidate, products: ScoreProducts, candidates: list[_Candidate], noise_dof: float
+    best: _Candidate, problem: BinnedProblem, candidates: list[_Candidate], noise_dof: float
 ) -> _Candidate:
     """Return the most probable of the errors that the data cannot exclude, with the others as alternatives."""
+    from scipy.sparse import hstack
+
+    errors = [item for item in candidates if not item.is_group]
+    products_of_errors = products_of(problem, [item.hypothesis for item in errors], best.hypothesis)
     possible = [
-        item for item in candidates if not item.is_group and _is_possible(item, best, products, noise_dof)
+        item
+        for item, (_, products, indices) in zip(errors, products_of_errors, strict=True)
+        if item.hypothesis is best.hypothesis or _is_possible(item, best, products, indices, noise_dof)
     ]
-    possible.sort(key=lambda item: (len(item.indices), item.sigmas))
-    simplest = dict[tuple[str, Span], _Candidate]()
-    for item in possible:  # a vector and its components share a name: the simplest one stays
-        simplest.setdefault((item.hypothesis.name, item.hypothesis.span_s), item)
-    causes = [item for item in simplest.values() if not _has_specific_equivalent(item, products, possible)]
+    if not possible:
+        return best
+    # A vector and its components share a name: the simplest one stays.
+    simplest = dict[tuple[str, Span], int]()
+    for place in sorted(
+        range(len(possible)), key=lambda place: (possible[place].width, possible[place].sigmas)
+    ):
+        hypothesis = possible[place].hypothesis
+        simplest.setdefault((hypothesis.name, hypothesis.span_s), place)
+    products = problem.products(hstack([item.hypothesis.columns[:, :1] for item in possible], format="csc"))
+    causes = [
+        possible[place]
+        for place in simplest.values()
+        if not _has_specific_equivalent(place, products, possible)
+    ]
     causes.sort(key=_log_odds, reverse=True)
     if not causes:
         return best
     return replace(causes[0], log_p_value=best.log_p_value, alternatives=tuple(causes[1:]))
 
 
-def _is_possible(item: _Candidate, best: _Candidate, products: ScoreProducts, noise_dof: float) -> bool:
-    """Return whether the best error becomes insignificant once another one is estimated (separability)."""
-    union = products.test(tuple(dict.fromkeys((*item.indices, *best.indices))))
+def _is_possible(
+    item: _Candidate, best: _Candidate, products: ScoreProducts, indices: tuple[int, ...], noise_dof: float
+) -> bool:
+    """Return whether the best error, of the first columns, becomes insignificant once another one is estimated."""
+    union = products.test((*indices, *range(best.width)))
     assert union is not None  # a part of it is determined
     chi2, dof = union.chi2 - item.score_test.chi2, union.dof - item.score_test.dof
     return not dof or f_log_p_value(chi2, dof, noise_dof) >= _LOG_SEPARABILITY_LEVEL
 
 
-def _has_specific_equivalent(
-    candidate: _Candidate, products: ScoreProducts, candidates: list[_Candidate]
-) -> bool:
-    """Return whether a more specific hypothesis has the same effects: a preceding kind of error, or of one owner."""
-    if len(candidate.indices) > 1:
+def _has_specific_equivalent(column: int, products: ScoreProducts, candidates: list[_Candidate]) -> bool:
+    """Return whether a more specific hypothesis has the same effects: a preceding kind of error, or of one owner.
+
+    The products are those of the first column of each candidate.
+    """
+    if candidates[column].width > 1:
         return False
-    [column] = candidate.indices
-    hypothesis = candidate.hypothesis
+    hypothesis = candidates[column].hypothesis
     rank, owner = _ERROR_KINDS.index(hypothesis.kind), hypothesis.name.partition(".")[2]
     specific = []
-    for item in candidates:
+    for place, item in enumerate(candidates):
         kind, other_owner = item.hypothesis.kind, item.hypothesis.name.partition(".")[2]
         same_owner = kind == hypothesis.kind == "parameter" and other_owner == owner
-        precedes = _ERROR_KINDS.index(kind) < rank or (same_owner and item.indices < candidate.indices)
+        precedes = _ERROR_KINDS.index(kind) < rank or (same_owner and place < column)
         precedes |= owner == ALL and not item.hypothesis.name.endswith(ALL)
-        if len(item.indices) == 1 and precedes:
-            specific.append(item.indices[0])
+        if item.width == 1 and precedes:
+            specific.append(place)
     squares = products.information([column], specific)[0] ** 2
     limits = _MIN_SQUARED_CORRELATION * products.variances([column]) * products.variances(specific)
     return bool((squares > limits).any())
@@ -406,12 +434,10 @@ def _log_odds(candidate: _Candidate) -> float:
     return 0.5 * score_test.chi2 - score_test.dof * math.log(max(candidate.sigmas, 1.0))
 
 
-def _candidate(
-    hypothesis: Hypothesis, score_test: ScoreTest, test_count: int, indices: tuple[int, ...] = ()
-) -> _Candidate:
+def _candidate(hypothesis: Hypothesis, score_test: ScoreTest, test_count: int) -> _Candidate:
     """Correct the p-value of a test for the number of tests."""
     log_p_value = score_test.log_p_value + _log_test_count(test_count)
-    return _Candidate(hypothesis, score_test, test_count, log_p_value, indices)
+    return _Candidate(hypothesis, score_test, test_count, log_p_value)
 
 
 def _log_test_count(family_count: int) -> float:

@@ -18,6 +18,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,10 +26,14 @@ from numpy.typing import NDArray
 from radioloc.estimation.consider import ConsideredErrors
 from radioloc.estimation.gauss_markov import Points, SeriesNoise, noise_of_series
 from radioloc.estimation.least_squares import FitResult
+from radioloc.estimation.linearization import gram, times
 from radioloc.estimation.series import SeriesOrder, independent_series, link_contributions, points_of
 from radioloc.estimation.time_correlation import ABSORBED_SIGMAS, mixed_units
 from radioloc.noise.whitening import Rows, column
 from radioloc.vectors import Floats
+
+if TYPE_CHECKING:  # which takes time to import
+    from scipy.sparse import csc_array
 
 # Smallest fraction of a column outside the span of the design matrix; less is rounding.
 _MIN_SQUARE_FRACTION = 1e-6
@@ -91,7 +96,7 @@ class BinnedProblem:
     @cached_property
     def inverse(self) -> Floats:
         """Inverse of the normal matrix, (c, c)."""
-        return _scaled_inverse(self.whitened.T @ self.whitened)
+        return _scaled_inverse(gram(self.whitened, self.whitened))
 
     @cached_property
     def estimate(self) -> Floats:
@@ -155,7 +160,8 @@ class BinnedProblem:
         # The variance is larger if the whitened residuals of the series are still correlated.
         points, roots, white = self.points, list[Floats](), list[float]()
         partials = np.concatenate([points.unit, self.prior[:, 1:]])
-        leverage = np.einsum("nc,nc->n", points.unit @ _scaled_inverse(partials.T @ partials), points.unit)
+        inverse = _scaled_inverse(gram(partials, partials))
+        leverage = np.einsum("nc,nc->n", times(points.unit, inverse), points.unit)
         absorbed = np.add.reduceat(leverage, points.begin[:-1]).tolist()
         for k, series in enumerate(points.series):
             part = points.series_slice(k)
@@ -173,14 +179,30 @@ class BinnedProblem:
             white=tuple(variance * spread for variance, spread in zip(white, spreads, strict=True)),
         )
 
-    def columns(self, links: Mapping[int, float], span_s: tuple[float, float] = (-np.inf, np.inf)) -> Floats:
+    def columns(
+        self, links: Mapping[int, float], span_s: tuple[float, float] = (-np.inf, np.inf)
+    ) -> csc_array:
         """Column of constants times signs of links in an interval, (n + k, 1)."""
         indices, place, sign = self._rows_of(links, span_s)
-        columns = np.zeros((len(self.whitened), 1))
-        np.add.at(columns, place, sign[:, None] * self.values[indices, :1])
+        return self.sparse(place, sign[:, None] * self.values[indices, :1])
+
+    def sparse(self, rows: NDArray[np.intp], values: Floats) -> csc_array:
+        """Columns (n + k, w) with values (m, w) in some rows (m,); those of one row are added."""
+        from scipy.sparse import csc_array
+
+        index = (
+            np.broadcast_to(rows[:, None], values.shape),
+            np.broadcast_to(np.arange(values.shape[1]), values.shape),
+        )
+        columns = csc_array(
+            (values.ravel(), tuple(map(np.ravel, index))), (len(self.whitened), values.shape[1])
+        )
+        columns.eliminate_zeros()
         return columns
 
-    def removal(self, links: Mapping[int, float], span_s: tuple[float, float] = (-np.inf, np.inf)) -> Floats:
+    def removal(
+        self, links: Mapping[int, float], span_s: tuple[float, float] = (-np.inf, np.inf)
+    ) -> csc_array:
         """Columns that remove links in an interval from the fit: partials with respect to a separate parameter set.
 
         Columns are divided by their whitened norms. Their number is at most that of the points in the interval.
@@ -201,16 +223,12 @@ class BinnedProblem:
         if len(rows) < values.shape[1]:
             vectors, sizes, _ = np.linalg.svd(values, full_matrices=False)
             values = vectors * sizes
-        columns = np.zeros((len(self.whitened), values.shape[1]))
-        columns[rows] = values
-        return columns
+        return self.sparse(rows, values)
 
-    def candidate_columns(self, indices: Sequence[int], codes: Iterable[int] | None = None) -> Floats:
+    def candidate_columns(self, indices: Sequence[int], codes: Iterable[int] | None = None) -> csc_array:
         """Columns of some parameters that the fit holds at zero, of all links or of some."""
         in_links = slice(None) if codes is None else np.isin(self.code, list(codes))
-        columns = np.zeros((len(self.whitened), len(indices)))
-        np.add.at(columns, self.place[in_links], self.candidates[in_links][:, indices])
-        return columns
+        return self.sparse(self.place[in_links], self.candidates[in_links][:, indices])
 
     def times_s(self, links: Iterable[int]) -> Floats:
         """Epochs of the points of some links, ascending, s."""
@@ -240,7 +258,7 @@ class BinnedProblem:
         return ((self.points.series_slice(k), self.roots[k]) for k in np.flatnonzero(is_nonzero).tolist())
 
     def test(
-        self, columns: Floats, links: Mapping[int, float] | None = None, *, scaled: bool = False
+        self, columns: csc_array, links: Mapping[int, float] | None = None, *, scaled: bool = False
     ) -> ScoreTest | None:
         """Test whether coefficients of columns (n + k, w) are zero; None if the parameters absorb the columns.
 
@@ -248,16 +266,16 @@ class BinnedProblem:
         """
         return self.products(columns).test(slice(None), links, scaled=scaled)
 
-    def products(self, columns: Floats) -> ScoreProducts:
+    def products(self, columns: csc_array) -> ScoreProducts:
         """Products of columns (n + k, w) for tests of any of them."""
         from scipy.sparse import csr_array
 
         # Most columns are of a few points.
-        z = columns.copy(order="F")
-        for part, root in self._series_with(columns):
-            nonzero = np.flatnonzero(columns[part].any(axis=0))
-            z[part, nonzero] = root @ columns[part, nonzero]
-        products = np.asarray(csr_array(columns).T @ self.weighted)
+        z = columns.toarray(order="F")
+        for part, root in self._series_with(z):
+            nonzero = np.flatnonzero(z[part].any(axis=0))
+            z[part, nonzero] = root @ z[part, nonzero]
+        products = np.asarray(columns.T @ self.weighted)
         with_partials = products[:, 1:]
         score = products[:, 0] - with_partials @ self.estimate
         gain = np.asarray(csr_array(with_partials) @ self.inverse).T  # few parameters act on most columns
@@ -276,7 +294,7 @@ class BinnedProblem:
     def chi2_of_steps(self, links: Mapping[int, float], edges_s: Floats) -> Floats:
         """Chi-square of a step of some links at each of w epochs, (w,)."""
         # A step is a sum over all later points: cumulative sums from the end serve all epochs.
-        constant = self.columns(links)[:, 0]
+        constant = self.columns(links).toarray()[:, 0]
         squares, products = np.zeros(len(edges_s)), np.zeros((len(edges_s), self.weighted.shape[1]))
         for part, root in self._series_with(constant[:, None]):
             index = np.searchsorted(self.points.time_s[part], edges_s)
@@ -288,13 +306,13 @@ class BinnedProblem:
         determined = information > _MIN_SQUARE_FRACTION * squares
         return np.divide(score**2, information, out=np.zeros_like(score), where=determined)
 
-    def with_parameters(self, columns: Floats) -> BinnedProblem:
+    def with_parameters(self, columns: csc_array) -> BinnedProblem:
         """Return the problem with columns as further parameters and the same noise."""
-        n = len(self.points.time_s)
-        points = replace(self.points, unit=np.hstack([self.points.unit, columns[:n]]))
-        return replace(self, points=points, prior=np.hstack([self.prior, columns[n:]]))
+        of_points, of_prior = np.split(columns.toarray(), [len(self.points.time_s)])
+        points = replace(self.points, unit=np.hstack([self.points.unit, of_points]))
+        return replace(self, points=points, prior=np.hstack([self.prior, of_prior]))
 
-    def with_columns(self, columns: Floats) -> BinnedProblem:
+    def with_columns(self, columns: csc_array) -> BinnedProblem:
         """Return the problem with columns as further parameters and the noise of the new residuals."""
         larger = self.with_parameters(columns)
         points = larger.points
@@ -382,12 +400,10 @@ class ScoreProducts:
         log_p_value = chi2_log_p_value(chi2 / inflation, dof)
         return ScoreTest(chi2, dof, estimate, root, shift, gain @ root, log_p_value, inflation)
 
-    def noise_dof(self, indices: Sequence[int], estimate: Floats) -> float:
-        """Degrees of freedom of the variance of the estimated coefficients of some columns."""
-        problem = self.problem
-        columns = list(indices)
-        effect = self.whitened[:, columns] @ estimate
-        return problem.noise_dof(effect - problem.whitened @ (self.gain[:, columns] @ estimate))
+    def noise_dof(self, estimate: Floats) -> float:
+        """Degrees of freedom of the variance of the estimated coefficients of all columns."""
+        effect = self.whitened @ estimate
+        return self.problem.noise_dof(effect - self.problem.whitened @ (self.gain @ estimate))
 
 
 def estimate_change(fitted: BinnedProblem, changed: BinnedProblem) -> tuple[Floats, Floats]:

@@ -15,10 +15,12 @@ changes an observation by about one metre, or one metre.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from enum import Enum
 from functools import cached_property
+from itertools import groupby
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -26,7 +28,7 @@ from radioloc.constants import C_M_S
 from radioloc.estimation.consider import ConsideredErrors, owner
 from radioloc.estimation.editing import EditedFit
 from radioloc.estimation.gauss_markov import TimeCorrelation
-from radioloc.estimation.group_tests import BinnedProblem, noise_of_each
+from radioloc.estimation.group_tests import BinnedProblem, ScoreProducts, noise_of_each
 from radioloc.estimation.least_squares import FitResult
 from radioloc.estimation.series import SeriesOrder
 from radioloc.estimation.time_correlation import mixed_units
@@ -38,12 +40,16 @@ from radioloc.parameters.parameter import Parameter, Role
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.vectors import Floats
 
+if TYPE_CHECKING:  # which takes time to import
+    from scipy.sparse import csc_array
+
 Links = dict[int, float]
 """Indices of series, with the sign that the tested quantity has in each."""
 Span = tuple[float, float] | None
 
 _MIN_READMITTED_FRACTION = 0.5  # of a series: robust editing presupposes that the majority is right
 _MIN_STEP_POINT_COUNT = 3  # points required on either side of a step
+_MAX_BATCH_ELEMENTS = 2**22  # of columns that are tested at once, 32 MB
 TERM = "term"
 """Kind of a term that is switched off."""
 FORCES = "forces"
@@ -70,7 +76,7 @@ class Hypothesis:
     family: Family
     kind: str  # "a priori", "parameter", "jump" or "offset"
     name: str  # parameter, or link or station with its type
-    columns: Floats  # (n + k, w), change of the residuals by one of `sigmas` of each component
+    columns: csc_array  # (n + k, w), change of the residuals by one of `sigmas` of each component
     sigmas: Floats  # (w,), a-priori standard deviations or scales, in `unit`
     unit: str
     components: tuple[str, ...] = ("",)
@@ -224,15 +230,13 @@ class Hypotheses:
                 if item.span_utc is not None:
                     common.setdefault((item.kind, owner(item)), []).append(index)
         for indices in places.values():
-            columns = np.zeros((len(self.problem.whitened), len(indices)))
             # The residual of an a-priori value is that value less the estimate, over its sigma.
-            columns[first + np.array(indices), np.arange(len(indices))] = -1.0
+            columns = self.problem.sparse(first + np.array(indices), -np.eye(len(indices)))
             yield self._wrong_prior([priors[index] for index in indices], columns)
         for (kind, member), indices in common.items():
             if len(indices) > 1:
                 sigmas = np.array([priors[index].prior_sigma for index in indices])
-                columns = np.zeros((len(self.problem.whitened), 1))
-                columns[first + np.array(indices), 0] = -sigmas.max() / sigmas
+                columns = self.problem.sparse(first + np.array(indices), (-sigmas.max() / sigmas)[:, None])
                 role, unit = priors[indices[0]].role, priors[indices[0]].unit
                 yield Hypothesis(
                     _prior_family(role),
@@ -243,7 +247,7 @@ class Hypotheses:
                     unit,
                 )
 
-    def _wrong_prior(self, items: list[Parameter], columns: Floats) -> Hypothesis:
+    def _wrong_prior(self, items: list[Parameter], columns: csc_array) -> Hypothesis:
         """Return the error of the a-priori value of a parameter, or of several components of a vector."""
         kind, _, label = items[0].name.partition(".")
         name, _, component = label.partition(".") if kind != "position" else (label, "", "")
@@ -260,6 +264,8 @@ class Hypotheses:
 
     def _parameters(self) -> Iterator[Hypothesis]:
         """Yield errors of parameters that the fit holds at zero."""
+        from scipy.sparse import csc_array
+
         if self.candidates is None:
             return
         groups = dict[str, list[int]]()
@@ -277,14 +283,15 @@ class Hypotheses:
                 yield _fixed_parameter_hypothesis(name, self.problem.candidate_columns([index]), item)
             if kind == TERM or (len(items) == 1 and len(types) == 1):
                 continue
-            of_types = dict[str, Floats]()
+            of_types = dict[str, csc_array]()
             for name in sorted(types):
                 codes = [code for code in self.codes if self.order.series[code].kind == name]
                 columns = self.problem.candidate_columns(indices, codes)
-                if columns.any():
-                    of_types[name] = columns.sum(axis=1, keepdims=True)
+                if columns.nnz:
+                    of_types[name] = csc_array(columns.sum(axis=1)[:, None])
             if of_types and len(items) > 1:
-                columns = sum(of_types.values(), np.zeros((1, 1)))
+                first_type, *others = of_types.values()
+                columns = sum(others, first_type)
                 yield _fixed_parameter_hypothesis(f"{kind}.{ALL}", columns, items[0])
             if len(of_types) > 1:
                 for name, columns in of_types.items():
@@ -304,12 +311,34 @@ def _majority_runs(edited: EditedFit, order: SeriesOrder, runs: Iterable[Rows]) 
             yield rows
 
 
-def _fixed_parameter_hypothesis(name: str, columns: Floats, item: Parameter) -> Hypothesis:
+def _fixed_parameter_hypothesis(name: str, columns: csc_array, item: Parameter) -> Hypothesis:
     return Hypothesis(Family.PARAMETER, "parameter", name, columns, np.array([item.prior_sigma]), item.unit)
 
 
 def _prior_family(role: Role) -> Family:
     return Family.CONSIDERED_PRIOR if role is Role.CONSIDERED else Family.STATED_PRIOR
+
+
+def products_of(
+    problem: BinnedProblem, hypotheses: Sequence[Hypothesis], common: Hypothesis | None = None
+) -> Iterator[tuple[Hypothesis, ScoreProducts, tuple[int, ...]]]:
+    """Yield hypotheses, products of columns of some of them, and the places of their columns in the products.
+
+    The columns of a `common` hypothesis come first in all products.
+    """
+    from scipy.sparse import hstack
+
+    at_once, before = _MAX_BATCH_ELEMENTS // len(problem.whitened), [] if common is None else [common]
+    ends = np.cumsum([item.columns.shape[1] for item in hypotheses])
+    for _, batch in groupby(
+        zip(hypotheses, ends.tolist(), strict=True), lambda pair: pair[1] // (1 + at_once)
+    ):
+        items = [*before, *(item for item, _ in batch)]
+        products, begin = problem.products(hstack([item.columns for item in items], format="csc")), 0
+        for place, item in enumerate(items):
+            indices = tuple(range(begin, begin := begin + item.columns.shape[1]))
+            if place >= len(before):
+                yield item, products, indices
 
 
 def passes(problem: BinnedProblem, links: Iterable[int]) -> list[tuple[float, float]]:

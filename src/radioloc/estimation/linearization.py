@@ -110,6 +110,9 @@ _LEAF_ELEMENTS = 8192
 """Elements of a block of rows that is factorized at once. It fits the cache of a processor, and is too small for
 multithreading in linear algebra libraries, so that results do not depend on the number of threads."""
 
+_MAX_SLAB_PRODUCT = 2**16  # elements of a product, above which one for each slab takes gigabytes
+_MAX_SPARSE_FRACTION = 0.1  # of nonzero elements, below which a sparse product is faster
+
 _MIN_INFORMATION = 1e-13  # along an orthonormal coordinate; less is rounding
 
 _RANK_TOLERANCE = 1e-10
@@ -355,6 +358,8 @@ class OrthonormalLinearization:
 
 def gram(a: Floats, b: Floats) -> Floats:
     """Product a^T b of tall matrices, in slabs too small for multithreading in linear algebra libraries."""
+    if a.shape[1] * b.shape[1] > _MAX_SLAB_PRODUCT:
+        return np.asarray(_thinned(a).T @ b)
     slab = _slab(a, b)
     count = len(a) // slab
     slab_rows = count * slab
@@ -367,6 +372,8 @@ def gram(a: Floats, b: Floats) -> Floats:
 
 def times(a: Floats, b: Floats) -> Floats:
     """Product a b of a tall matrix and a small one, in slabs as of :func:`gram`."""
+    if b.size > _MAX_SLAB_PRODUCT:
+        return np.asarray(_thinned(a) @ b)
     slab = _slab(a, b)
     count = len(a) // slab
     slab_rows, out = count * slab, np.empty((len(a), b.shape[1]))
@@ -377,6 +384,13 @@ def times(a: Floats, b: Floats) -> Floats:
     )
     out[slab_rows:] = a[slab_rows:] @ b
     return out
+
+
+def _thinned(a: Floats) -> Any:
+    """Rows of many parameters as a sparse matrix if each parameter acts on few of them."""
+    from scipy.sparse import csr_array
+
+    return csr_array(a) if np.count_nonzero(a) < _MAX_SPARSE_FRACTION * a.size else a
 
 
 def _slab(a: Floats, b: Floats) -> int:

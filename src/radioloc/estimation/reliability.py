@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 
 from radioloc.estimation.group_tests import BinnedProblem
-from radioloc.estimation.hypotheses import FORCES, Family, Hypothesis
+from radioloc.estimation.hypotheses import FORCES, Family, Hypothesis, products_of
 from radioloc.estimation.statistics import finite_or_none
 from radioloc.vectors import Floats
 
@@ -82,22 +82,22 @@ def assess_reliability(
     position by the first parameters of the problem.
     """
     lasting = [item for item in hypotheses if item.span_s is None and item.kind != FORCES]
-    if not lasting:
-        return ()
-    products, results, begin = problem.products(np.hstack([item.columns for item in lasting])), [], 0
-    # Iterative refinement: the normal equations round the effects of errors that other parameters absorb.
-    remainder = products.whitened - problem.whitened @ products.gain
-    gains = products.gain + problem.inverse @ (problem.whitened.T @ remainder)
-    for item in lasting:
-        indices = tuple(range(begin, begin := begin + item.columns.shape[1]))
+    results = []
+    if enu_by_unit is not None:
+        width = enu_by_unit.shape[1]
+        by_point = (enu_by_unit @ problem.inverse[:width]) @ problem.whitened.T
+        absorbed = by_point @ problem.whitened
+    for item, products, indices in products_of(problem, lasting):
         sigma = float(item.sigmas[0]) if item.kind == "a priori" and len(item.sigmas) == 1 else None
         result = Reliability(item.kind, item.name, item.components, item.unit, math.inf, prior_sigma=sigma)
         if enu_by_unit is not None:
+            columns, gain = products.whitened[:, indices], products.gain[:, indices]
+            shift_m = enu_by_unit @ gain[:width]
+            # Iterative refinement: the normal equations round the effects of errors that other parameters absorb.
+            refinement_m = by_point @ columns - absorbed @ gain
             rounded_m, refined_m = (
-                float(
-                    np.linalg.norm(enu_by_unit @ part[: enu_by_unit.shape[1], list(indices)] / item.sigmas, 2)
-                )
-                for part in (products.gain, gains)
+                float(np.linalg.norm(effect_m / item.sigmas, 2))
+                for effect_m in (shift_m, shift_m + refinement_m)
             )
             is_rounding = abs(refined_m - rounded_m) > _MAX_ROUNDING_FRACTION * refined_m
             result = replace(result, shift_per_unit_m=0.0 if is_rounding else refined_m)
@@ -110,7 +110,7 @@ def assess_reliability(
                 sizes = np.linalg.svd(item.sigmas[:, None] * test.root[:, revealed], compute_uv=False)
                 result = replace(result, minimal=length * float(sizes[-1]))
                 if enu_by_unit is not None:
-                    root_m = enu_by_unit @ test.root_shift[: enu_by_unit.shape[1], revealed]
+                    root_m = enu_by_unit @ test.root_shift[:width, revealed]
                     result = replace(result, shift_m=length * float(np.linalg.norm(root_m, 2)))
         results.append(result)
     return tuple(results)

@@ -85,7 +85,7 @@ def assess_time_correlation(
     points, free = points_of(series, column(fit.residual_m)), fit.parameters.free
     partials = binned_partials(series, lambda rows: fit.linearization.partials(rows)[:, free])
     points = replace(points, unit=times(partials, root))
-    noise = noise_of_series(*_without_considered(fit, points), significant=False)
+    noise = noise_of_series(*_without_considered(fit, points, partials), significant=False)
     if not noise:
         return uncorrelated
     processes = [noise.get(item.key, NO_NOISE) for item in points.series]
@@ -119,17 +119,13 @@ def _added(
     return half + half.T
 
 
-def _without_considered(fit: FitResult, points: Points) -> tuple[Points, Floats]:
+def _without_considered(fit: FitResult, points: Points, partials: Floats) -> tuple[Points, Floats]:
     """Points, considered parameters at their a-priori values, partials in :func:`mixed_units`; and sigmas."""
-    root = fit.factor.root_covariance()
     units, width = mixed_units(fit)
     sigmas = np.repeat([_FREE_SIGMAS, 1.0], [width, units.shape[1] - width])
     if width == len(sigmas):
         return points, sigmas
-    lengths = np.linalg.norm(root, axis=1, keepdims=True)
-    lengths[lengths == 0.0] = 1.0
-    unit = times(points.unit, np.linalg.lstsq(root / lengths, units / lengths, rcond=None)[0])
-    parameters = fit.parameters
+    unit, parameters = times(partials, units), fit.parameters
     shifts = ((fit.x - parameters.prior_values) / parameters.prior_sigmas)[parameters.considered]
     residual = points.residual + np.einsum("nc,c->n", unit[:, width:], shifts)
     changes = np.add.reduceat(residual**2 - points.residual**2, points.begin[:-1])

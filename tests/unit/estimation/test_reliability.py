@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy.sparse import csc_array, hstack
 
 from radioloc.estimation import Labels, Parameter, ParameterSet
 from radioloc.estimation.adaptation import adapted_estimate
@@ -93,7 +94,7 @@ def test_external_reliability_is_the_shift_of_a_refit():
 def test_several_columns_have_the_extremes_over_all_directions():
     result, problem = binned(np.zeros(len(DESIGN)))
     step = problem.columns({1: 1.0}, (900.0, np.inf))
-    columns = np.hstack([problem.columns({1: 1.0}), step])
+    columns = hstack([problem.columns({1: 1.0}), step], format="csc")
     assessed = reliability(result, problem, columns)
     length = math.sqrt(noncentrality(LOG_LEVEL, 2))
     effects = np.column_stack([OF_B, OF_B * (np.arange(len(DESIGN)) >= 30)])  # epochs of 900 s and later
@@ -112,6 +113,7 @@ def test_an_error_that_a_parameter_absorbs_is_not_revealed():
     result, problem = binned(np.zeros(len(DESIGN)))
     columns = np.zeros((len(problem.whitened), 1))
     columns[: len(DESIGN), 0] = np.concatenate([DESIGN[::2, 1], DESIGN[1::2, 1]])  # points of A, then of B
+    columns = csc_array(columns)
     assessed = reliability(result, problem, columns)
     assert not assessed.revealed
     assert assessed.to_dict()["minimal_detectable"] is assessed.to_dict()["shift_m"] is None

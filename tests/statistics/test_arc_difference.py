@@ -116,7 +116,7 @@ def differences(study, effects_m):
     ready = Prepared.from_study(replace(study, consider_defaults=False, consider={}), HOURS)
     linear = ready.linear()
     noise_m, _ = linear.draws.draw(range(DRAWS))
-    observations = ready.parts[0].problem.arc.observations
+    observations = ready.parts[0].problem.predictor.observations
     elapsed_h = 24.0 * (observations.epoch.mjd - observations.epoch.mjd.min())
     warm_m = (observations.types() == "range") * C_M_S * 1e-8 * np.exp(-elapsed_h / 2.0)
     effects_m = effects_m | {WARM_UP: warm_m[:, None], NOISE: noise_m.T / np.sqrt(DRAWS)}

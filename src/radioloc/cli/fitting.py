@@ -60,12 +60,12 @@ def _solution(options: argparse.Namespace, *, fitted: bool) -> radioloc.Solution
     if options.terms and options.out is None:
         options.parser.error("--terms needs --out DIR, where to write terms.csv")
     study = radioloc.read_study(options.study)
-    arc, left_out = prepared_arc(study)
-    solution = fit_arc(study, arc, left_out, study.estimate if fitted else None)
+    predictor, left_out = prepared_arc(study)
+    solution = fit_arc(study, predictor, left_out, study.estimate if fitted else None)
     if options.out is not None:
         prior = study.estimate.height_prior
         dem = prior.terrain if fitted and isinstance(prior, TerrainPrior) else None
-        terms = arc if options.terms else None
+        terms = predictor if options.terms else None
         radioloc.write_report(options.out, solution, terms, html=options.report, dem=dem)
     tell(options, solution, solution.to_dict)
     return solution

@@ -290,8 +290,8 @@ class Hypotheses:
                 if columns.nnz:
                     of_types[name] = csc_array(columns.sum(axis=1)[:, None])
             if of_types and len(items) > 1:
-                first_type, *others = of_types.values()
-                columns = sum(others, first_type)
+                first_type, *further_types = of_types.values()
+                columns = sum(further_types, first_type)
                 yield _fixed_parameter_hypothesis(f"{kind}.{ALL}", columns, items[0])
             if len(of_types) > 1:
                 for name, columns in of_types.items():

@@ -220,16 +220,16 @@ class _Sites:
         sessions = [replace(session, one_uplink=False) for session in scenario.schedule.sessions]
         schedule = replace(scenario.schedule, sessions=sessions, masks=wider)
         plan = schedule.plan(model, {next(iter(scenario.targets)): self._place(0.0, 0.0).xyz_m})
-        arc, _, rows = planned_arc(study, plan.observations, model, {})
+        predictor, _, rows = planned_arc(study, plan.observations, model, {})
         noise = scenario.noise.covariance(plan).select(rows)
         lengths = arc_lengths([1e9 if self.hours is None else self.hours], study.observations)
-        [part] = arc_parts(EstimationProblem.from_study(study, arc, study.estimate, noise), lengths)
+        [part] = arc_parts(EstimationProblem.from_study(study, predictor, study.estimate, noise), lengths)
         return plan.select(rows[part.rows]), part
 
     @cached_property
     def _since_start_h(self) -> Floats:
         """Time of the observations of the part since the start, h, (n,)."""
-        return since_start_s(self.part.problem.arc.observations, self.study.observations) / 3600.0
+        return since_start_s(self.part.problem.predictor.observations, self.study.observations) / 3600.0
 
     def _place(self, longitude_deg: float, latitude_deg: float) -> LunarPosition:
         """Return a site in principal axes."""

@@ -116,11 +116,11 @@ def leave_one_out(
     """
     study = as_study(study)
     require_position_or_orbit(study, "leaving stations out")
-    arc, left_out = prepared_arc(study, observations)
-    groups = _groups(arc, study)
+    predictor, left_out = prepared_arc(study, observations)
+    groups = _groups(predictor, study)
     if not groups:
         raise InputError(f"{study.name}: all observations are of one station or link; use `radioloc locate`")
-    problem = EstimationProblem.from_study(study, arc, study.estimate)
+    problem = EstimationProblem.from_study(study, predictor, study.estimate)
     solution = solve(problem, left_out)
     omissions = list[Omission]()
     for (kind, name), mask in progress_bar(groups.items(), shown=progress, unit="fit"):
@@ -132,9 +132,9 @@ def leave_one_out(
     return LeaveOneOut(solution, tuple(omissions))
 
 
-def _groups(arc: Predictor, study: Study) -> dict[tuple[str, str], _Mask]:
+def _groups(predictor: Predictor, study: Study) -> dict[tuple[str, str], _Mask]:
     """Return the masks of the observations of each station, and of each link of a station with several."""
-    observations = arc.observations
+    observations = predictor.observations
     by_station = rows_by_station(observations, study.catalogue)
     groups = {("station", name): mask for name, mask in by_station.items()}
     for k in np.unique(observations.link):

@@ -47,7 +47,7 @@ class ComparedTarget:
     def epochs(self, part: ArcPart) -> Epochs:
         """Return the epochs at which an orbit is compared: its own, the middle and the end of the tracking, TDB."""
         epoch = self._true_orbit.epoch
-        span = tt_to_tdb(utc_to_tt(part.problem.arc.observations.span()))
+        span = tt_to_tdb(utc_to_tt(part.problem.predictor.observations.span()))
         first_s, last_s = span.seconds_since(epoch).tolist()
         return epoch.shifted(np.array([0.0, 0.5 * (first_s + last_s), last_s]))
 

@@ -149,13 +149,13 @@ class _Plan:
         """Return the plan of a schedule or of files; `like` has the orbits of another plan."""
         orbits = {} if like is None else like.orbits
         if study.simulation is None or observations is not None:
-            arc, left_out = prepared_arc(study, observations)
+            predictor, left_out = prepared_arc(study, observations)
             noise = None
             notes = ["the noise is white and as stated: how long errors last is known from residuals only"]
         else:
-            study, arc, left_out, noise, notes = _scheduled(study, study.simulation, orbits)
-        problem = EstimationProblem.from_study(study, arc, study.estimate, noise)
-        usable = usability(arc)[0].are(USED)
+            study, predictor, left_out, noise, notes = _scheduled(study, study.simulation, orbits)
+        problem = EstimationProblem.from_study(study, predictor, study.estimate, noise)
+        usable = usability(predictor)[0].are(USED)
         if not usable.all():
             notes.append(f"{int((~usable).sum())} observations cannot be used: too low, or out of sight")
         if not orbits:
@@ -166,7 +166,7 @@ class _Plan:
             else like.with_gravity_errors
         )
         suboptimal = [item for _, items in problem.suboptimal for item in items]
-        notes += planning_notes(arc, left_out, [*problem.model.parameters, *suboptimal])
+        notes += planning_notes(predictor, left_out, [*problem.model.parameters, *suboptimal])
         return cls(study, problem, usable, tuple(notes), orbits, errors)
 
     def fit(self, part: ArcPart) -> PlannedFit:
@@ -200,18 +200,18 @@ def _scheduled(
     model = build_model(study)
     orbits = orbits or planned_orbits(study, scenario, model)
     plan = scenario.schedule.plan(model, antenna_targets(study, scenario, model, orbits))
-    arc, left_out, rows = planned_arc(study, plan.observations, model, orbits)
-    without_noise = [kind for kind in arc.observations.types() if kind not in scenario.noise.link]
+    predictor, left_out, rows = planned_arc(study, plan.observations, model, orbits)
+    without_noise = [kind for kind in predictor.observations.types() if kind not in scenario.noise.link]
     notes = [
         f"[simulation.noise.{kind}] is not given: white noise of the sessions' sigma_m"
         for kind in dict.fromkeys(without_noise)
     ]
-    if arc.predicted_eop.any() and study.consider_defaults and "ut1" not in study.consider:
+    if predictor.predicted_eop.any() and study.consider_defaults and "ut1" not in study.consider:
         notes.append(
             "once this is tracked, Earth orientation will have been measured: "
             "[consider] ut1_sigma_s = 1e-5 and pole_sigma_rad = 3e-10 say so"
         )
-    return study, arc, left_out, scenario.noise.covariance(plan).select(rows), notes
+    return study, predictor, left_out, scenario.noise.covariance(plan).select(rows), notes
 
 
 def _reach_h(plan: _Plan, arcs: Sequence[PlannedArc], reach_m: float, target: int) -> float | None:
@@ -233,9 +233,9 @@ def _reach_h(plan: _Plan, arcs: Sequence[PlannedArc], reach_m: float, target: in
 def _contributions(fit: PlannedFit, target: int) -> Iterator[Contribution]:
     """Yield the accuracy by the observations of each type and station alone, and without them."""
     problem = fit.part.problem
-    kinds = problem.arc.observations.kind
+    kinds = problem.predictor.observations.kind
     groups = [("type", KINDS[kind], kinds == kind) for kind in np.unique(kinds).tolist()]
-    stations = rows_by_station(problem.arc.observations, problem.study.catalogue)
+    stations = rows_by_station(problem.predictor.observations, problem.study.catalogue)
     groups += [("station", *item) for item in stations.items()]
     for group, name, rows in groups:
         count = int((rows & fit.used).sum())

@@ -37,7 +37,7 @@ def parameter_errors(
     return ConsideredErrors(errors.parameters, design.partials)
 
 
-def fixed_parameter_blocks(arc: Predictor, parameters: Iterable[Parameter]) -> list[ParameterBlock]:
+def fixed_parameter_blocks(predictor: Predictor, parameters: Iterable[Parameter]) -> list[ParameterBlock]:
     """Return the parameters of one component that act on an arc and are not among those of a fit.
 
     Their sigmas are the usual ones of their kinds, or else their scales.
@@ -47,21 +47,21 @@ def fixed_parameter_blocks(arc: Predictor, parameters: Iterable[Parameter]) -> l
         owners.setdefault(item.kind, set()).add(owner(item))
     blocks = []
     for name, kind in PARAMETERS.items():
-        available = arc.more_partials or not kind.more_partials
-        if len(kind.components) > 1 or not available or (kind.term and not arc.model.has(kind.term)):
+        available = predictor.more_partials or not kind.more_partials
+        if len(kind.components) > 1 or not available or (kind.term and not predictor.model.has(kind.term)):
             continue
-        present, estimated = members(kind, kind.scopes[0], arc), owners.get(name, set())
+        present, estimated = members(kind, kind.scopes[0], predictor), owners.get(name, set())
         if not estimated <= present.keys():  # the fit has parameters of another scope
             continue
         absent = [member for member in present if member not in estimated]
-        sigmas, reason = default_sigmas(kind, ObservationRows(arc), present)
+        sigmas, reason = default_sigmas(kind, ObservationRows(predictor), present)
         if reason or not absent:  # such as signals without a frequency
             continue
         choice = ParameterChoice(
             tuple(absent) if kind.scopes[0].named else "all",
             sigma={member: sigmas.get(member) or kind.scale for member in absent},
         )
-        block = chosen_parameters(kind, choice, arc, Role.CONSIDERED)
+        block = chosen_parameters(kind, choice, predictor, Role.CONSIDERED)
         if block is not None:
             blocks.append(block)
     return blocks

@@ -105,28 +105,30 @@ def compute_residuals(
 @on_one_blas_thread()
 def fit_arc(
     study: Study,
-    arc: Predictor,
+    predictor: Predictor,
     not_selected: dict[str, int],
     estimate: EstimateChoice | None,
     *,
     consistency: bool = True,
 ) -> Solution:
     """Fit a prepared arc; without `estimate` nothing is estimated, without `consistency` no group is tested."""
-    return solve(EstimationProblem.from_study(study, arc, estimate), not_selected, consistency=consistency)
+    return solve(
+        EstimationProblem.from_study(study, predictor, estimate), not_selected, consistency=consistency
+    )
 
 
 @on_one_blas_thread()
 def solve(problem: EstimationProblem, not_selected: dict[str, int], *, consistency: bool = True) -> Solution:
     """Fit a problem and build its solution; `not_selected` counts observations of the files by reason."""
-    status, codes = usability(problem.arc, problem.start)
-    with step(f"fitting {len(problem.arc.observations)} observations"):
+    status, codes = usability(problem.predictor, problem.start)
+    with step(f"fitting {len(problem.predictor.observations)} observations"):
         edited, stochastic = _estimate(problem, status, codes)
     model = problem.model if stochastic is None else stochastic.with_process
     logger.info(
         "fitted %d parameters to %d of %d observations",
         model.parameters.free.sum(),
         edited.fit.used.sum(),
-        len(problem.arc.observations),
+        len(problem.predictor.observations),
     )
     # The effects of gravity errors on an orbit take seconds; the parameters' sigmas and those over the arc share them.
     orbits = problem.orbits_with_gravity_errors(edited.fit.x)
@@ -166,7 +168,7 @@ class _Fit:
     def elevation_deg(self) -> NDArray[np.float64]:
         """Lower of the stations' elevations, deg, shape (n,)."""
         prediction = self.model.predictor.predict(self.motions)
-        elevation_deg = np.empty(len(self.problem.arc.observations))
+        elevation_deg = np.empty(len(self.problem.predictor.observations))
         for rows in blocks(self.model.predictor):
             elevation_deg[rows] = np.degrees(prediction.rows(rows).elevation_rad.min(axis=-1))
         elevation_deg.flags.writeable = False
@@ -201,8 +203,8 @@ class _Fit:
 def _build(fitted: _Fit, consistency: bool) -> Solution:
     """Build the solution of a fit from its estimate and residuals."""
     problem, model, x = fitted.problem, fitted.model, fitted.x
-    study, estimate, arc = problem.study, problem.estimate, model.predictor
-    observations, constants = arc.observations, arc.model.ephemeris.constants
+    study, estimate, predictor = problem.study, problem.estimate, model.predictor
+    observations, constants = predictor.observations, predictor.model.ephemeris.constants
     reported = ~model.parameters.considered
     places = model.place_indices
     several = tuple(
@@ -218,10 +220,10 @@ def _build(fitted: _Fit, consistency: bool) -> Solution:
         position_pa_m=model.position_pa_m(x, shown),
         position_partials=model.position_partials(x, shown)[:, reported],
         rot_pa_to_me=rot_pa_to_me(constants),
-        pa_frame=arc.model.libration.frame,
+        pa_frame=predictor.model.libration.frame,
         me_frame=constants.me_frame,
         epoch_utc=observations.epoch,
-        station=Labels.coded(arc.stations, arc.receivers),
+        station=Labels.coded(predictor.stations, predictor.receivers),
         observed_m=observations.value_m,
         path=Labels.coded([link.path for link in observations.links], observations.link),
         type=problem.order.types,
@@ -237,16 +239,16 @@ def _build(fitted: _Fit, consistency: bool) -> Solution:
         candidates=problem.fixed_parameter_errors(model, x, fitted.orbits)
         if consistency and estimate is not None
         else None,
-        trajectory=None if places else str(arc.trajectories[0]),
+        trajectory=None if places else str(predictor.trajectories[0]),
         targets=several,
-        limitations=model_limitations(arc),
+        limitations=model_limitations(predictor),
     )
 
 
 def _complete(fitted: _Fit, solution: Solution, not_selected: dict[str, int]) -> Solution:
     """Add states of orbits, comparisons with known positions, notes, provenance, and the verdict by sigma."""
     problem, model, x = fitted.problem, fitted.model, fitted.x
-    study, estimate, arc = problem.study, problem.estimate, model.predictor
+    study, estimate, predictor = problem.study, problem.estimate, model.predictor
     covariance, consider = solution.parameter_covariance(), solution.consider
     states = {k: orbit_state(model, k, x, covariance, consider, fitted.orbits) for k in model.orbit_indices}
     if fitted.stochastic is not None:
@@ -255,13 +257,13 @@ def _complete(fitted: _Fit, solution: Solution, not_selected: dict[str, int]) ->
     trajectory = solution.trajectory
     if states and not model.place_indices:
         trajectory = ", ".join(str(state.orbit) for state in states.values())
-    constants = arc.model.ephemeris.constants
+    constants = predictor.model.ephemeris.constants
     comparisons = [compare_with(solution, xyz_m, name) for name, xyz_m in known_positions(study, constants)]
     if fitted.fits:
         solution = mark_if_unobservable(solution)
-    notes = [*coordinate_doubts(arc, problem.start, fitted.edited.fit.used, fitted.fits)]
+    notes = [*coordinate_doubts(predictor, problem.start, fitted.edited.fit.used, fitted.fits)]
     considered = None if solution.consider is None else solution.consider.parameters
-    notes += study_notes(study, arc, not_selected, estimate, fitted.edited, considered)
+    notes += study_notes(study, predictor, not_selected, estimate, fitted.edited, considered)
     notes += problem.notes
     if model.place_indices and solution.converged:
         findings = (*axes_mistakes(study, solution, constants), *solution.consistency.findings)
@@ -276,7 +278,7 @@ def _complete(fitted: _Fit, solution: Solution, not_selected: dict[str, int]) ->
         reference=None if study.reference is None else comparisons[0],
         references=tuple(comparisons if study.reference is None else comparisons[1:]),
         notes=tuple(notes),
-        provenance=provenance(study, arc, not_selected, estimate, fitted.motions),
+        provenance=provenance(study, predictor, not_selected, estimate, fitted.motions),
     )
 
 
@@ -284,7 +286,7 @@ def _require_usable(problem: EstimationProblem, status: Labels, codes: NDArray[n
     """Refuse an arc without usable observations, with a count and an example of each reason."""
     if status.are(USED).any():
         return
-    observations, reasons = problem.arc.observations, list[str]()
+    observations, reasons = problem.predictor.observations, list[str]()
     paths = observations.paths()
     _, firsts, counts = np.unique(codes, return_index=True, return_counts=True)
     for k in np.argsort(-counts, kind="stable").tolist():
@@ -307,7 +309,7 @@ def _estimate(
         )
         return fit, None
     _require_usable(problem, status, codes)
-    observations = problem.arc.observations
+    observations = problem.predictor.observations
     counts = PhaseCounts(observations.count_s, 1e-6 * observations.wavelength_um)
     usable, phase_reasons = status.are(USED), dict[int, str]()
     start = initial_orbit(model, problem.noise.sigma_m, usable)

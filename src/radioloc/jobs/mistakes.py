@@ -129,15 +129,15 @@ def axes_mistakes(
 def find_mistake(problem: EstimationProblem, x: Floats) -> ConsistencyTest | None:
     """Return the mistake that explains the observations of an arc with estimate x; None without any."""
     rows = _sample(problem)
-    arc, sigma_m = problem.arc.select(rows), problem.noise.sigma_m[rows]
+    predictor, sigma_m = problem.predictor.select(rows), problem.noise.sigma_m[rows]
     count = len(rows)
-    predictions = _Predictions(problem, arc, sigma_m, x)
+    predictions = _Predictions(problem, predictor, sigma_m, x)
     stated = predictions.squares(None)
     code = problem.order.code[rows]
     sums, sizes = np.bincount(code, stated), np.bincount(code)
     if not (sums > _MIN_MISFIT_RATIO * sizes).any():
         return None
-    first = sorted(mistakes(arc.observations), key=predictions.first_misfit)[:_MAX_ITERATED]
+    first = sorted(mistakes(predictor.observations), key=predictions.first_misfit)[:_MAX_ITERATED]
     squares = {item.name: predictions.squares(item) for item in first}
     misfits = sorted((float(values.sum()), name) for name, values in squares.items())
     smallest, name = misfits[0]
@@ -242,7 +242,7 @@ class _Predictions:
     """Predictions of a part of an arc for several hypotheses."""
 
     problem: EstimationProblem
-    arc: Predictor
+    predictor: Predictor
     sigma_m: Floats  # (n,)
     x: Floats  # estimate of the observations as they are
     # By the identity of the corrected observations, and of the models, which are linearized at the a-priori values
@@ -268,7 +268,7 @@ class _Predictions:
             return squares
         # Other time tags are predicted for all rows; other parameters, as of nights, have no common model.
         corrected = None if mistake is None else mistake.corrected
-        is_mixed = corrected is not None and corrected.epoch is not self.arc.observations.epoch
+        is_mixed = corrected is not None and corrected.epoch is not self.predictor.observations.epoch
         if is_mixed and corrected_model.parameters.names != model.parameters.names:
             return squares
         x = corrected_model.parameters.prior_values.copy()
@@ -285,7 +285,7 @@ class _Predictions:
             except (ConvergenceError, InputError):  # steps that led far from the Moon, or into it
                 return np.full(len(self.sigma_m), math.inf)
             if mistake is not None and mistake.value_m is not None:
-                value_m = self.arc.observations.value_m
+                value_m = self.predictor.observations.value_m
                 change_m = np.where(mistake.rows, mistake.value_m - value_m, 0.0)
                 linear = replace(linear, residual_m=linear.residual_m + change_m)
             step, squares = _robust_step(linear, self.sigma_m, corrected_model.parameters, x)
@@ -298,14 +298,21 @@ class _Predictions:
         return self.models[id(corrected)]
 
     def _prepared(self, corrected: Observations | None) -> ObservationModel | None:
-        arc, estimate = self.arc, self.problem.estimate
+        predictor, estimate = self.predictor, self.problem.estimate
         assert estimate is not None  # checked by the caller
         try:
             if corrected is not None:
-                arc = prepare_predictor(
-                    arc.model, corrected, arc.motions, "auto", arc.targets, arc.more_partials
+                predictor = prepare_predictor(
+                    predictor.model,
+                    corrected,
+                    predictor.motions,
+                    "auto",
+                    predictor.targets,
+                    predictor.more_partials,
                 )
-            return EstimationProblem.from_study(self.problem.study, arc, estimate.restricted_to(arc)).model
+            return EstimationProblem.from_study(
+                self.problem.study, predictor, estimate.restricted_to(predictor)
+            ).model
         except RadiolocError:  # such as an epoch before the first one of a table
             return None
 

@@ -52,32 +52,32 @@ _RECORDED_KEYS = (
 
 def study_notes(
     study: Study,
-    arc: Predictor,
+    predictor: Predictor,
     not_selected: dict[str, int],
     estimate: EstimateChoice | None,
     fitted: EditedFit,
     considered: ParameterSet | None,
 ) -> list[str]:
     """Return all notes of a result, warnings first."""
-    notes = spacecraft_doubts(study, arc.observations, arc.model)
+    notes = spacecraft_doubts(study, predictor.observations, predictor.model)
     if weights := study.observations.weights:
         notes.append(f"sigmas changed: {'; '.join(map(str, weights))}")
     if terms := [f"{name} ({TERMS[name]})" for name in study.model.off if name not in _NOTED_TERMS]:
         notes.append(f"switched off by [model] off, and not in the sigmas: {', '.join(terms)}")
     parameters = fitted.fit.parameters
     estimated = {item.kind for item in parameters if item.role is not Role.CONSIDERED}
-    notes += planning_notes(arc, not_selected, [*parameters, *(considered or ())])
+    notes += planning_notes(predictor, not_selected, [*parameters, *(considered or ())])
     if estimate is None:
         return notes
     kinds = {item.kind for item in considered or ()}
     in_sigma = any(estimate.ephemeris_sigma_m) or "moon_position" in kinds or "libration" in kinds
-    if not arc.trajectories and not in_sigma:
+    if not predictor.trajectories and not in_sigma:
         notes.append(
-            f"the sigma does not include the error of {arc.model.ephemeris.name}: neither moon_position nor "
+            f"the sigma does not include the error of {predictor.model.ephemeris.name}: neither moon_position nor "
             "libration is considered, and no [estimate] ephemeris_sigma_m is given"
         )
     notes += _frequency_notes(study, fitted)
-    notes += _process_notes(arc, estimate, fitted)
+    notes += _process_notes(predictor, estimate, fitted)
     notes += [
         f'no {key} is estimated, though [estimate] asks for "all": no observation depends on it'
         for key, choice in estimate.parameters.items()
@@ -86,10 +86,10 @@ def study_notes(
     return notes
 
 
-def _process_notes(arc: Predictor, estimate: EstimateChoice, fitted: EditedFit) -> Iterator[str]:
+def _process_notes(predictor: Predictor, estimate: EstimateChoice, fitted: EditedFit) -> Iterator[str]:
     """Yield a note on intervals of stochastic accelerations in which the velocity varies more than Doppler allows."""
     noise = None if estimate.orbit is None else estimate.orbit.process_noise
-    observations = arc.observations
+    observations = predictor.observations
     counts = fitted.fit.used & (observations.count_s > 0.0)
     if noise is None or not counts.any():
         return
@@ -127,7 +127,7 @@ def _frequency_notes(study: Study, fitted: EditedFit) -> Iterator[str]:
 
 
 def planning_notes(
-    arc: Predictor, not_selected: dict[str, int], parameters: Iterable[Parameter]
+    predictor: Predictor, not_selected: dict[str, int], parameters: Iterable[Parameter]
 ) -> list[str]:
     """Return the notes that need no values: observations not selected, data that the user can improve.
 
@@ -136,31 +136,36 @@ def planning_notes(
     notes = [
         f"{plural(count, 'observation')} not selected: {reason}" for reason, count in not_selected.items()
     ]
-    return [*notes, *_position_notes(arc, parameters), *_model_notes(arc)]
+    return [*notes, *_position_notes(predictor, parameters), *_model_notes(predictor)]
 
 
-def model_limitations(arc: Predictor) -> tuple[str, ...]:
+def model_limitations(predictor: Predictor) -> tuple[str, ...]:
     """Return the effects that are not modelled and the sources of the model; they require no action."""
-    return (*_unmodelled_effects(arc), *_model_sources(arc))
+    return (*_unmodelled_effects(predictor), *_model_sources(predictor))
 
 
-def _radio_stations(arc: Predictor) -> list[Station]:
+def _radio_stations(predictor: Predictor) -> list[Station]:
     """Return the stations with radio signals, whatever their kind in the catalogue."""
     stations = []
-    for i, name in enumerate(arc.stations):
-        station, rows = arc.model.catalogue.get(name), (arc.transmitters == i) | (arc.receivers == i)
-        if is_radio(arc.observations.wavelength_um[rows], [station], np.array(0)).any():
+    for i, name in enumerate(predictor.stations):
+        station, rows = (
+            predictor.model.catalogue.get(name),
+            (predictor.transmitters == i) | (predictor.receivers == i),
+        )
+        if is_radio(predictor.observations.wavelength_um[rows], [station], np.array(0)).any():
             stations.append(station)
     return stations
 
 
-def _position_notes(arc: Predictor, parameters: Iterable[Parameter]) -> Iterator[str]:
+def _position_notes(predictor: Predictor, parameters: Iterable[Parameter]) -> Iterator[str]:
     """Yield the stations whose catalogue coordinates are rounded or approximate, with their sigmas."""
     positions = [item for item in parameters if item.kind == "station_position"]
     considered_m = {owner(item): item.prior_sigma for item in positions if item.role is Role.CONSIDERED}
     estimated = {owner(item) for item in positions} - considered_m.keys()
     groups: dict[tuple[float, float], list[Station]] = {}
-    unstated = [item for item in map(arc.model.catalogue.get, arc.stations) if item.sigma_m is None]
+    unstated = [
+        item for item in map(predictor.model.catalogue.get, predictor.stations) if item.sigma_m is None
+    ]
     for station in unstated:
         if station.quality == "rounded" and station.name not in estimated:
             sigmas_m = considered_m.get(station.name, 0.0), station.position_sigma_m
@@ -182,13 +187,13 @@ def _position_notes(arc: Predictor, parameters: Iterable[Parameter]) -> Iterator
         )
 
 
-def _model_notes(arc: Predictor) -> Iterator[str]:
+def _model_notes(predictor: Predictor) -> Iterator[str]:
     """Yield notes on the data of the model that the user can improve."""
-    model = arc.model
-    if predicted := int(arc.predicted_eop.sum()):
+    model = predictor.model
+    if predicted := int(predictor.predicted_eop.sum()):
         yield f"Earth orientation is predicted, not measured, for {plural(predicted, 'observation')}"
-    yield from _extrapolation_note(model.earth.table, arc.observations.epoch.mjd)
-    radio = _radio_stations(arc)
+    yield from _extrapolation_note(model.earth.table, predictor.observations.epoch.mjd)
+    radio = _radio_stations(predictor)
     if (cards := model.media_calibrations) is not None:
         for term, kinds in _CALIBRATIONS.items():
             served = _calibrated(model, radio, term)
@@ -199,22 +204,22 @@ def _model_notes(arc: Predictor) -> Iterator[str]:
     if model.has("ionosphere") and model.ionosphere is None and uncalibrated:
         stations = f" for {_names(uncalibrated)}" if len(uncalibrated) < len(radio) else ""
         yield f"no ionospheric delay of radio signals{stations}: give maps or a content, [model] ionex or tec_tecu"
-    orbits = a_priori_orbits(arc)
+    orbits = a_priori_orbits(predictor)
     yield from dict.fromkeys(note for orbit in orbits for note in orbit.forces.gravity.notes)
-    if any(motion.trajectory is not None and motion.adjustable is None for motion in arc.motions):
+    if any(motion.trajectory is not None and motion.adjustable is None for motion in predictor.motions):
         yield "the trajectory is taken as exact: its error is in the residuals, and in no sigma"
 
 
-def _unmodelled_effects(arc: Predictor) -> Iterator[str]:
+def _unmodelled_effects(predictor: Predictor) -> Iterator[str]:
     """Yield the effects without data of some stations."""
-    model, stations = arc.model, [arc.model.catalogue.get(name) for name in arc.stations]
+    model, stations = predictor.model, [predictor.model.catalogue.get(name) for name in predictor.stations]
     still = [item for item in stations if not item.velocity_known]
     if still and model.has("station_velocity"):
         yield f"no station velocity for {_names(still)}: plate motion, some cm a year, is not modelled"
     unloaded = [item for item in stations if item.ocean_loading is None]
     if unloaded and model.has("ocean_loading"):
         yield f"no ocean loading coefficients for {_names(unloaded)}: up to about 1 cm is not modelled"
-    without_offset = [item for item in _radio_stations(arc) if item.axis_offset_m is None]
+    without_offset = [item for item in _radio_stations(predictor) if item.axis_offset_m is None]
     if without_offset and model.has("antenna_axis_offset"):
         yield (
             f"no antenna axis offset for {_names(without_offset)}: millimetres, of some antennas metres, are not "
@@ -222,9 +227,9 @@ def _unmodelled_effects(arc: Predictor) -> Iterator[str]:
         )
 
 
-def _model_sources(arc: Predictor) -> Iterator[str]:
+def _model_sources(predictor: Predictor) -> Iterator[str]:
     """Yield the terms that the model does not contain, and the sources of its media."""
-    model, radio = arc.model, _radio_stations(arc)
+    model, radio = predictor.model, _radio_stations(predictor)
     if absent := model.missing_planets:
         sizes = " and ".join(f"{name.capitalize()} (up to {PLANETS_MM[name]:g} mm)" for name in absent)
         yield f"no gravitational delay by {sizes}, one way: not in the ephemeris file; use a complete one"
@@ -268,16 +273,16 @@ def _extrapolation_note(table: EopTable, mjd_utc: NDArray[np.float64]) -> Iterat
 
 def provenance(
     study: Study,
-    arc: Predictor,
+    predictor: Predictor,
     not_selected: dict[str, int],
     estimate: EstimateChoice | None,
     motions: Motions,
 ) -> dict[str, Any]:
     """Return versions, files, choices and kernels of a fit, and how observations at its estimate were computed."""
     evaluation: dict[str, Any] = {"kind": "exact"}
-    if isinstance(simple := arc.simple, ChebyshevPredictor):
+    if isinstance(simple := predictor.simple, ChebyshevPredictor):
         evaluation = {"kind": "interpolated", **asdict(simple.check(motions))}
-    model, chosen = arc.model, study.model
+    model, chosen = predictor.model, study.model
     height = None if estimate is None else estimate.height_prior
     single_files = {"vmf3_orography": chosen.vmf3_orography, "gpt3": chosen.gpt3}
     troposphere = {"vmf3": chosen.vmf3} | {
@@ -285,8 +290,8 @@ def provenance(
     }
     return {
         **versions(),
-        "study": study_origin(study) if _is_reproducible(study, arc.observations) else None,
-        "files": [Path(name).name for name in arc.observations.files],
+        "study": study_origin(study) if _is_reproducible(study, predictor.observations) else None,
+        "files": [Path(name).name for name in predictor.observations.files],
         "images": sorted({key for prior in study.estimate.position_priors for key in prior.data}),
         "not_selected": not_selected,
         **{key: getattr(study.observations, key) for key in _RECORDED_KEYS},

@@ -34,7 +34,7 @@ _MIN_GAIN = 0.03  # Relative gain below which the steps end
 class OrbitPart:
     """Observations to which an orbit is fitted."""
 
-    arc: Predictor
+    predictor: Predictor
     orbit: AdjustableOrbit
     sigma_m: Floats
     apriori: Floats  # parameters of the orbit: state and forces
@@ -44,9 +44,9 @@ class OrbitPart:
 
     def compute(self, x: Floats) -> Computed:
         """Predict the observations for parameters x of the orbit."""
-        motions = list(self.arc.motions)
+        motions = list(self.predictor.motions)
         motions[self.target] = OrbitMotion(self.orbit, x - self.apriori)
-        return self.arc.compute(motions)
+        return self.predictor.compute(motions)
 
 
 def fitted_state(
@@ -65,7 +65,7 @@ def fitted_state(
                 raise
             loss = math.inf  # the orbit meets the ground, or the model does not cover it
         else:
-            ratio = (part.arc.observations.value_m - computed.value_m) / sigma_m
+            ratio = (part.predictor.observations.value_m - computed.value_m) / sigma_m
             spread_here = max(1.0, robust_scale(ratio, len(free)))
             # Without the largest one, which could hide the reduction of all others.
             loss = float(np.sort(np.abs(ratio))[: math.ceil(_COUNTED_FRACTION * len(ratio))].mean())
@@ -123,7 +123,7 @@ _FREE_SIGMA_SCALES = 1e6  # Sigma of a free parameter, in scales
 class StagedStart:
     """Robust fits of parts of an arc about the epoch of its orbit."""
 
-    arc: Predictor  # of the coarse orbit
+    predictor: Predictor  # of the coarse orbit
     sigma_m: Floats
     apriori: Floats  # parameters of the orbit: state and forces
     free: NDArray[np.intp]
@@ -143,15 +143,15 @@ class StagedStart:
             return None  # a descent starts where it is known to land
         motions = list(problem.predictor.motions)
         motions[target] = OrbitMotion(orbit.coarse())
-        arc = problem.predictor.with_motions(motions)
-        tdb = tt_to_tdb(utc_to_tt(arc.observations.epoch))
+        predictor = problem.predictor.with_motions(motions)
+        tdb = tt_to_tdb(utc_to_tt(predictor.observations.epoch))
         return cls(
-            arc,
+            predictor,
             sigma_m,
             np.array(list(orbit.values.values())),
             free,
             _cartesian_sigmas(problem, target)[free],
-            np.where(arc.target == target, np.abs(tdb.seconds_since(orbit.epoch)), np.inf),
+            np.where(predictor.target == target, np.abs(tdb.seconds_since(orbit.epoch)), np.inf),
             target,
             problem.motion_columns_of(target),
         )
@@ -167,9 +167,9 @@ class StagedStart:
 
     def fitted(self, rows: NDArray[np.intp], x: Floats) -> Floats:
         """Return the parameters of the orbit that fit some observations, starting at x."""
-        arc = self.arc.select(rows)
-        orbit: AdjustableOrbit = arc.motions[self.target].adjustable  # type: ignore[assignment]
-        part = OrbitPart(arc, orbit, self.sigma_m[rows], self.apriori, self.target, self.columns)
+        predictor = self.predictor.select(rows)
+        orbit: AdjustableOrbit = predictor.motions[self.target].adjustable  # type: ignore[assignment]
+        part = OrbitPart(predictor, orbit, self.sigma_m[rows], self.apriori, self.target, self.columns)
         x, spread = fitted_state(part, x, self.free, self.step_sigmas)
         logger.info(
             "orbit within %.1f h of the epoch: %d observations, robust misfit %.3g sigmas",

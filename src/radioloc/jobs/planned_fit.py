@@ -198,7 +198,7 @@ class PlannedFit:
     @cached_property
     def _epochs(self) -> Epochs:
         """Epochs all over the tracked part of an orbit, TDB."""
-        ends = tt_to_tdb(utc_to_tt(self.part.problem.arc.observations.span()))
+        ends = tt_to_tdb(utc_to_tt(self.part.problem.predictor.observations.span()))
         length_s = float(ends[1].seconds_since(ends[0])[0])
         count = max(_MIN_MAPPED_EPOCHS, int(length_s / _MAPPED_STEP_S) + 1)
         return ends[:1].shifted(np.linspace(0.0, length_s, count))

@@ -50,10 +50,10 @@ from radioloc.vectors import Floats
 _EARTH_ELEVATION_MARGIN_DEG = 1.0  # change of the Earth's elevation between two of the epochs six hours apart
 
 
-def usability(arc: Predictor, motions: Motions | None = None) -> tuple[Labels, NDArray[np.int8]]:
+def usability(predictor: Predictor, motions: Motions | None = None) -> tuple[Labels, NDArray[np.int8]]:
     """Return why observations cannot be used for motions, by default those of the arc, as text and by code."""
-    motions = arc.motions if motions is None else motions
-    prediction, model, epoch = arc.predict(motions), arc.model, arc.observations.epoch
+    motions = predictor.motions if motions is None else motions
+    prediction, model, epoch = predictor.predict(motions), predictor.model, predictor.observations.epoch
     # The Moon hides spacecraft in the predictions themselves.
     earth_elevation = {
         k: partial(earth_elevation_rad, model.ephemeris, model.libration, point_pa_m=motion.position_pa_m)
@@ -62,18 +62,18 @@ def usability(arc: Predictor, motions: Motions | None = None) -> tuple[Labels, N
     }
     limit_deg = MIN_EARTH_ELEVATION_DEG + _EARTH_ELEVATION_MARGIN_DEG
     low_targets = [k for k, elevation in earth_elevation.items() if _min_deg(elevation, epoch) < limit_deg]
-    codes = np.zeros(len(arc.observations), dtype=np.int8)
-    labels = np.zeros(len(arc.observations), dtype=np.int32)
+    codes = np.zeros(len(predictor.observations), dtype=np.int8)
+    labels = np.zeros(len(predictor.observations), dtype=np.int32)
     label_numbers = {USED: 0}
-    for rows in blocks(arc):
+    for rows in blocks(predictor):
         computed = prediction.rows(rows)
         bad = np.flatnonzero(~computed.usable)
-        codes[rows[bad]], sentences = reasons(arc, computed.rows(bad), rows[bad])
+        codes[rows[bad]], sentences = reasons(predictor, computed.rows(bad), rows[bad])
         texts, inverse = np.unique(sentences, return_inverse=True)
         numbers = [label_numbers.setdefault(str(text), len(label_numbers)) for text in texts]
         labels[rows[bad]] = np.array(numbers, dtype=np.int32)[inverse]
         for target in low_targets:
-            target_rows = rows[(arc.target[rows] == target) & (codes[rows] == Status.OK)]
+            target_rows = rows[(predictor.target[rows] == target) & (codes[rows] == Status.OK)]
             # The Earth moves in the lander's sky with the librations, in days.
             tdb = tt_to_tdb(utc_to_tt(epoch[target_rows]))
             elevation_deg = np.degrees(evaluate_smooth(earth_elevation[target], tdb))
@@ -140,10 +140,10 @@ def prepared_arc(
     known_positions(study, constants)  # one in a wrong frame is to be told before the work, not after it
     chosen, left_out = chosen_observations(study, observations, model)
     with step(f"preparing {len(chosen)} observations"):
-        arc = _arc(study, model, chosen, start, orbits or {})
-    logger.info("prepared the model for %d observations by %s", len(chosen), ", ".join(arc.stations))
-    _require_tracked(study, arc)
-    return arc, left_out
+        predictor = _arc(study, model, chosen, start, orbits or {})
+    logger.info("prepared the model for %d observations by %s", len(chosen), ", ".join(predictor.stations))
+    _require_tracked(study, predictor)
+    return predictor, left_out
 
 
 def planned_arc(
@@ -163,9 +163,13 @@ def planned_arc(
     return *prepared_arc(study, planned.select(rows), orbits, model), rows
 
 
-def _require_tracked(study: Study, arc: Predictor) -> None:
+def _require_tracked(study: Study, predictor: Predictor) -> None:
     """Refuse a position on a map of a target that is not tracked."""
-    tracked = [name for k in np.unique(arc.observations.link) for name in arc.observations.links[k].targets]
+    tracked = [
+        name
+        for k in np.unique(predictor.observations.link)
+        for name in predictor.observations.links[k].targets
+    ]
     for place in study.observations.map_positions:
         if place.reference_position is not None or place.target is None:
             continue
@@ -284,7 +288,9 @@ def _arc(
             expected_m = np.full(len(observations), np.nan)
             expected_m[rows] = ambiguous.compute().value_m
             observations = without_ambiguity(observations, expected_m)
-        arc = prepare_predictor(model, observations, start, study.model.evaluation, names, more_partials)
+        predictor = prepare_predictor(
+            model, observations, start, study.model.evaluation, names, more_partials
+        )
     except CoverageError:
         # A kernel or table does not name the files: find which observation lies outside, the first or the last.
         order = np.lexsort((observations.epoch.fraction, observations.epoch.jd))
@@ -295,7 +301,7 @@ def _arc(
                 error.args = (f"{observations.origin(row)}: {error}",)
                 raise error from None
         raise
-    return arc.with_motions(motions) if study.orbiters else arc
+    return predictor.with_motions(motions) if study.orbiters else predictor
 
 
 def _coarse(motion: TargetMotion) -> TargetMotion:

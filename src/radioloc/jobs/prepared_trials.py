@@ -159,10 +159,10 @@ class Prepared:
         value_m = (world.value_m + errors @ world.drawn.partials + noise_m)[self.rows]
         for part, x in zip(self.parts, truths, strict=True):
             problem = part.problem
-            arc = problem.arc.with_values(value_m[part.rows])
+            predictor = problem.predictor.with_values(value_m[part.rows])
             assert problem.estimate is not None
             estimate = self._with_drawn_priors(problem.estimate, seed)
-            drawn = EstimationProblem.from_study(problem.study, arc, estimate, problem.noise)
+            drawn = EstimationProblem.from_study(problem.study, predictor, estimate, problem.noise)
             solution = solve(drawn, {}, consistency=False)
             sigmas, total = solution.sigmas(), solution.fit.total
             for target in self.targets:
@@ -194,7 +194,7 @@ class Prepared:
         sigmas = self._drawn_prior_sigmas(estimate)
         if sigmas is None:
             return estimate
-        model = self.parts[0].problem.arc.model
+        model = self.parts[0].problem.predictor.model
         errors = dict(zip(self.study.points, drawn_prior_errors(sigmas, seed).reshape(-1, 3), strict=True))
         truths = {target.target.name: target.truth for target in self.targets}
         priors = []
@@ -211,8 +211,8 @@ class Prepared:
         if longest.process_noise is not None:
             return None
         x = true_parameters(longest, self.targets)
-        computed_m = longest.arc.predict(longest.model.motions(x)).value_m
-        usable = usability(longest.arc)[0].are(USED)
+        computed_m = longest.predictor.predict(longest.model.motions(x)).value_m
+        usable = usability(longest.predictor)[0].are(USED)
         orbits = longest.orbits_with_gravity_errors(x)
         arcs = [self._linear_arc(part, usable[part.rows], orbits) for part in self.parts]
         if any(arc is None for arc in arcs):

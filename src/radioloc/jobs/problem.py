@@ -58,7 +58,7 @@ class EstimationProblem:
     """Observations with their predictor, targets, parameters and the covariance of the noise."""
 
     study: Study
-    arc: Predictor  # observations, and the model that predicts them
+    predictor: Predictor  # observations, and the model that predicts them
     estimate: EstimateChoice | None  # nothing is estimated where None
     model: ObservationModel  # targets and parameters; considered parameters are the last
     noise: ObservationCovariance  # R as stated
@@ -72,7 +72,7 @@ class EstimationProblem:
     def from_study(
         cls,
         study: Study,
-        arc: Predictor,
+        predictor: Predictor,
         estimate: EstimateChoice | None,
         noise: ObservationCovariance | None = None,
     ) -> EstimationProblem:
@@ -80,32 +80,34 @@ class EstimationProblem:
         if estimate is None:
             choice = study.estimate.without_estimates()
         else:
-            choice = estimate = with_clock_epoch(with_independent_clocks(study, estimate, arc), arc)
+            choice = estimate = with_clock_epoch(
+                with_independent_clocks(study, estimate, predictor), predictor
+            )
         in_weights, suboptimal, notes = list[ParameterBlock](), list[ParameterBlock](), list[str]()
         if estimate is not None:
-            considered, notes = _considered_choices(study, arc, estimate)
+            considered, notes = _considered_choices(study, predictor, estimate)
             for name, item in considered.items():
-                block = _parameter_block("[consider]", name, item, arc, Role.CONSIDERED, estimate)
+                block = _parameter_block("[consider]", name, item, predictor, Role.CONSIDERED, estimate)
                 if block is not None:
                     (suboptimal if name in study.suboptimal else in_weights).append(block)
-        model = observation_model(arc, build_targets(study, arc, choice), choice, in_weights)
+        model = observation_model(predictor, build_targets(study, predictor, choice), choice, in_weights)
         if estimate is not None and not any(item.role is Role.ESTIMATED for item in model.parameters):
             raise InputError(
                 'nothing to estimate: [estimate] position is "none", and no other parameter is chosen; '
                 "use `radioloc residuals` to see residuals at the given position"
             )
-        observations = arc.observations
+        observations = predictor.observations
         paths = Labels.coded([link.path for link in observations.links], observations.link)
         types = Labels.coded(KINDS, observations.kind)
         order = SeriesOrder.from_labels(types, paths, seconds_since_midnight(observations.epoch))
-        noise = noise_of(study, arc) if noise is None else noise
-        return cls(study, arc, estimate, model, noise, order, tuple(suboptimal), tuple(notes))
+        noise = noise_of(study, predictor) if noise is None else noise
+        return cls(study, predictor, estimate, model, noise, order, tuple(suboptimal), tuple(notes))
 
     def select(self, rows: NDArray[np.intp]) -> EstimationProblem:
         """Return the problem of some observations, without parameters that act on none of them."""
-        arc = self.arc.select(rows)
-        estimate = None if self.estimate is None else self.estimate.restricted_to(arc)
-        return EstimationProblem.from_study(self.study, arc, estimate, self.noise.select(rows))
+        predictor = self.predictor.select(rows)
+        estimate = None if self.estimate is None else self.estimate.restricted_to(predictor)
+        return EstimationProblem.from_study(self.study, predictor, estimate, self.noise.select(rows))
 
     @property
     def start(self) -> Motions:
@@ -143,7 +145,7 @@ class EstimationProblem:
     ) -> ConsideredErrors | None:
         """Return the parameters, terms and forces that the fit holds at zero, with their partials at parameters x."""
         parameters = [*model.parameters, *(item for _, items in self.suboptimal for item in items)]
-        blocks = fixed_parameter_blocks(self.arc.simple, parameters)
+        blocks = fixed_parameter_blocks(self.predictor.simple, parameters)
         errors = join_errors(parameter_errors(blocks, model, x), term_errors(model, x))
         if self.process_noise is not None or orbits:  # errors of the forces are in the covariance
             return errors
@@ -162,7 +164,7 @@ class ArcPart:
 
 def arc_parts(problem: EstimationProblem, lengths_h: Iterable[float]) -> list[ArcPart]:
     """Return the problems of the first hours of an arc; a part without observations is an error."""
-    since_s = since_start_s(problem.arc.observations, problem.study.observations)
+    since_s = since_start_s(problem.predictor.observations, problem.study.observations)
     parts = []
     for length_h in lengths_h:
         rows = np.flatnonzero(since_s <= 3600.0 * length_h + EPOCH_ROUNDING_S)
@@ -177,7 +179,7 @@ def arc_parts(problem: EstimationProblem, lengths_h: Iterable[float]) -> list[Ar
 
 
 def observation_model(
-    arc: Predictor,
+    predictor: Predictor,
     targets: Sequence[Target],
     choice: EstimateChoice,
     considered: Sequence[ParameterBlock] = (),
@@ -186,27 +188,28 @@ def observation_model(
     blocks = [
         block
         for name, item in choice.parameters.items()
-        if (block := _parameter_block("[estimate]", name, item, arc, Role.ESTIMATED, choice)) is not None
+        if (block := _parameter_block("[estimate]", name, item, predictor, Role.ESTIMATED, choice))
+        is not None
     ]
-    model = ObservationModel.from_targets(arc, targets, [*blocks, *considered])
+    model = ObservationModel.from_targets(predictor, targets, [*blocks, *considered])
     if choice.clock_epoch is not None:
         model = replace(model, reference=utc_to_tai(choice.clock_epoch))
     return replace(model, considered_kinds=len(considered))
 
 
-def considered_errors(study: Study, arc: Predictor) -> dict[str, ParameterChoice]:
+def considered_errors(study: Study, predictor: Predictor) -> dict[str, ParameterChoice]:
     """Return the considered parameters of a study, by kind, with their a-priori sigmas."""
-    return _considered_choices(study, arc, with_independent_clocks(study, study.estimate, arc))[0]
+    return _considered_choices(study, predictor, with_independent_clocks(study, study.estimate, predictor))[0]
 
 
-def with_clock_epoch(estimate: EstimateChoice, arc: Predictor) -> EstimateChoice:
+def with_clock_epoch(estimate: EstimateChoice, predictor: Predictor) -> EstimateChoice:
     """Set the epoch of clock offsets and rates, by default the middle of the arc; parts of the arc keep it.
 
     The same a-priori sigmas of clock offset and rate imply a different covariance at another epoch.
     """
-    if estimate.clock_epoch is not None or not len(arc.observations):
+    if estimate.clock_epoch is not None or not len(predictor.observations):
         return estimate
-    return replace(estimate, clock_epoch=tai_to_utc(middle_epoch(arc.observations)))
+    return replace(estimate, clock_epoch=tai_to_utc(middle_epoch(predictor.observations)))
 
 
 def require_position_or_orbit(study: Study, job: str) -> None:
@@ -216,19 +219,19 @@ def require_position_or_orbit(study: Study, job: str) -> None:
 
 
 def _considered_choices(
-    study: Study, arc: Predictor, estimate: EstimateChoice
+    study: Study, predictor: Predictor, estimate: EstimateChoice
 ) -> tuple[dict[str, ParameterChoice], list[str]]:
     """Return the considered parameters with their sigmas, by kind, and notes."""
-    moon_is_considered = any(estimate.ephemeris_sigma_m) or bool(arc.trajectories)
+    moon_is_considered = any(estimate.ephemeris_sigma_m) or bool(predictor.trajectories)
     with error_context("[estimate]"):
         estimated = {
-            name: with_canonical_names(PARAMETERS[name], choice, arc.simple)
+            name: with_canonical_names(PARAMETERS[name], choice, predictor.simple)
             for name, choice in estimate.parameters.items()
         }
     with error_context("[consider]"):
         return resolved(
             study.consider,
-            arc,
+            predictor,
             estimated,
             defaults=study.consider_defaults,
             excluded=_EPHEMERIS_KINDS if moon_is_considered else (),
@@ -236,7 +239,7 @@ def _considered_choices(
 
 
 def _parameter_block(
-    table: str, name: str, choice: ParameterChoice, arc: Predictor, role: Role, estimate: EstimateChoice
+    table: str, name: str, choice: ParameterChoice, predictor: Predictor, role: Role, estimate: EstimateChoice
 ) -> ParameterBlock | None:
     with error_context(table):
-        return chosen_parameters(PARAMETERS[name], choice, arc.simple, role, estimate.pass_gap_h)
+        return chosen_parameters(PARAMETERS[name], choice, predictor.simple, role, estimate.pass_gap_h)

@@ -20,12 +20,14 @@ _MIN_IMPROVEMENT = 10.0  # Ratio of the rms of residuals
 _MAX_RMS_M = 1.0e5  # At an a-priori position some tens of kilometres off
 
 
-def coordinate_doubts(arc: Predictor, motions: Motions, used: NDArray[np.bool_], fits: bool) -> Iterator[str]:
+def coordinate_doubts(
+    predictor: Predictor, motions: Motions, used: NDArray[np.bool_], fits: bool
+) -> Iterator[str]:
     """Yield a warning for each station that fits, or sees the target, only with exchanged axes or signs."""
     # Without it a station with x and y exchanged is only far off (tests/unit/jobs/test_station_doubts.py).
-    observations, shipped = arc.observations, StationCatalogue.default()
-    for name in () if a_priori_orbits(arc) else arc.stations:
-        station = arc.model.catalogue.get(name)
+    observations, shipped = predictor.observations, StationCatalogue.default()
+    for name in () if a_priori_orbits(predictor) else predictor.stations:
+        station = predictor.model.catalogue.get(name)
         if station.name in shipped and np.array_equal(shipped[station.name].itrf_m, station.itrf_m):
             continue
         of_link = np.array([name in link.stations for link in observations.links])
@@ -33,9 +35,9 @@ def coordinate_doubts(arc: Predictor, motions: Motions, used: NDArray[np.bool_],
         if not len(rows) or (fits and used[rows].any()):
             continue
         rows = rows[np.unique(np.linspace(0, len(rows) - 1, _SAMPLE_ROWS).astype(int))]
-        given_m = _rms_m(arc, motions, rows, station)
+        given_m = _rms_m(predictor, motions, rows, station)
         rms_by_mistake_m = {
-            mistake: _rms_m(arc, motions, rows, station, itrf_m)
+            mistake: _rms_m(predictor, motions, rows, station, itrf_m)
             for mistake, itrf_m in reordered_coordinates(station.itrf_m).items()
         }
         mistake, rms_m = min(rms_by_mistake_m.items(), key=lambda item: item[1])
@@ -48,7 +50,7 @@ def coordinate_doubts(arc: Predictor, motions: Motions, used: NDArray[np.bool_],
 
 
 def _rms_m(
-    arc: Predictor,
+    predictor: Predictor,
     motions: Motions,
     rows: NDArray[np.intp],
     station: Station,
@@ -59,10 +61,10 @@ def _rms_m(
         changed = station if itrf_m is None else replace(station, itrf_m=itrf_m)
     except StationError:
         return np.inf
-    stations = [item for item in arc.model.catalogue if item.name != station.name]
-    model = replace(arc.model, catalogue=StationCatalogue([*stations, changed]))
-    some = arc.observations.select(rows)
-    computed = prepare_predictor(model, some, motions, "exact", arc.targets).compute()
+    stations = [item for item in predictor.model.catalogue if item.name != station.name]
+    model = replace(predictor.model, catalogue=StationCatalogue([*stations, changed]))
+    some = predictor.observations.select(rows)
+    computed = prepare_predictor(model, some, motions, "exact", predictor.targets).compute()
     if not computed.usable.any():
         return np.inf
     return float(np.sqrt(np.square((some.value_m - computed.value_m)[computed.usable]).mean()))

@@ -39,7 +39,7 @@ _CLOCK_RATE_SIGMA = 1e-11
 """Ten times that of an unsteered hydrogen maser; a single scan per source cannot determine a rate."""
 
 
-def with_independent_clocks(study: Study, estimate: EstimateChoice, arc: Predictor) -> EstimateChoice:
+def with_independent_clocks(study: Study, estimate: EstimateChoice, predictor: Predictor) -> EstimateChoice:
     """Return the choice with offsets of independent clocks, unless ``[consider] defaults = false``.
 
     Held at zero, offsets of 1e-11 displace the estimate unnoticed (`tests/unit/jobs/test_independent_clocks.py`).
@@ -47,16 +47,16 @@ def with_independent_clocks(study: Study, estimate: EstimateChoice, arc: Predict
     if not study.consider_defaults:
         return estimate
     estimated, considered = set(estimate.parameters), set(study.consider)
-    chosen = _frequency_offsets(estimated | (considered & {"frequency_offset"}), arc)
-    chosen |= _clocks(estimated | considered, arc)
+    chosen = _frequency_offsets(estimated | (considered & {"frequency_offset"}), predictor)
+    chosen |= _clocks(estimated | considered, predictor)
     return replace(estimate, parameters={**estimate.parameters, **chosen}) if chosen else estimate
 
 
-def _frequency_offsets(stated: set[str], arc: Predictor) -> dict[str, ParameterChoice]:
+def _frequency_offsets(stated: set[str], predictor: Predictor) -> dict[str, ParameterChoice]:
     """Return a free offset for each link and pass of one- and three-way Doppler, unless the study states its own."""
     if stated & {"frequency_offset", "clock_rate"}:
         return {}
-    observations = arc.observations
+    observations = predictor.observations
     three_way = [bool(link.transmitter) and link.transmitter != link.receiver for link in observations.links]
     free = (observations.kind == kind_of("doppler")) & np.array(three_way)[observations.link]
     if "target_frequency" not in stated:
@@ -65,15 +65,15 @@ def _frequency_offsets(stated: set[str], arc: Predictor) -> dict[str, ParameterC
     return {"frequency_offset": ParameterChoice(paths, per=Scope.LINK_AND_PASS)} if paths else {}
 
 
-def _clocks(stated: set[str], arc: Predictor) -> dict[str, ParameterChoice]:
+def _clocks(stated: set[str], predictor: Predictor) -> dict[str, ParameterChoice]:
     """Return free offsets and rates of stations with quasar delays, but for the first of each network."""
-    of_quasars = (arc.target < 0) & (arc.observations.kind == kind_of("vlbi_delay"))
+    of_quasars = (predictor.target < 0) & (predictor.observations.kind == kind_of("vlbi_delay"))
     if stated & {"clock", "clock_rate"} or not of_quasars.any():
         return {}
-    ends = np.stack([arc.transmitters, arc.receivers], axis=-1)[of_quasars]
-    network, stations = networks(ends, len(arc.stations)), np.unique(ends)
+    ends = np.stack([predictor.transmitters, predictor.receivers], axis=-1)[of_quasars]
+    network, stations = networks(ends, len(predictor.stations)), np.unique(ends)
     references = {network[k]: k for k in stations[::-1]}
-    names = tuple(arc.stations[k] for k in stations if references[network[k]] != k)
+    names = tuple(predictor.stations[k] for k in stations if references[network[k]] != k)
     return {"clock": ParameterChoice(names), "clock_rate": ParameterChoice(names, sigma=_CLOCK_RATE_SIGMA)}
 
 
@@ -85,45 +85,50 @@ _CONTIGUOUS = 0.01
 class NoiseSource(Protocol):
     """Record of a table of a study (:class:`~radioloc.study.StudyTable`) that adds noise to its observations."""
 
-    def noise_term(self, arc: Predictor) -> White | NoiseTerm:
+    def noise_term(self, predictor: Predictor) -> White | NoiseTerm:
         """Return the errors of the observations of a prepared arc that the table stands for."""
         ...
 
 
-def noise_of(study: Study, arc: Predictor) -> ObservationCovariance:
+def noise_of(study: Study, predictor: Predictor) -> ObservationCovariance:
     """Covariance of a study's arc: that of its observations, and the terms of tables of other packages."""
     sources = [record for record in study.extensions.values() if isinstance(record, NoiseSource)]
-    return stated_noise(arc, study.observations).plus(*(source.noise_term(arc) for source in sources))
+    return stated_noise(predictor, study.observations).plus(
+        *(source.noise_term(predictor) for source in sources)
+    )
 
 
-def stated_noise(arc: Predictor, choice: ObservationChoice) -> ObservationCovariance:
+def stated_noise(predictor: Predictor, choice: ObservationChoice) -> ObservationCovariance:
     """Covariance of an arc's observations: stated sigmas, additions of the study, shared errors."""
     terms: list[NoiseTerm] = []
-    n, source = len(arc.transmitters), np.stack([arc.transmitters, arc.receivers], axis=-1).astype(np.intp)
+    n, source = (
+        len(predictor.transmitters),
+        np.stack([predictor.transmitters, predictor.receivers], axis=-1).astype(np.intp),
+    )
     for kind, key in ((VLBI_DELAY, "vlbi_station_sigma_m"), (VLBI_DELAY_RATE, "vlbi_station_rate_sigma_m")):
-        rows = np.flatnonzero(arc.observations.kind == kind)
-        ends_m = _ends_m(arc, key, getattr(choice, key), rows)
+        rows = np.flatnonzero(predictor.observations.kind == kind)
+        ends_m = _ends_m(predictor, key, getattr(choice, key), rows)
         if not ends_m.any():
             continue
-        number = same_epoch(arc.observations.epoch[rows])
+        number = same_epoch(predictor.observations.epoch[rows])
         if kind == VLBI_DELAY_RATE:
-            keys = np.stack([number, arc.observations.count_s[rows]], axis=1)
+            keys = np.stack([number, predictor.observations.count_s[rows]], axis=1)
             _, number = np.unique(keys, axis=0, return_inverse=True)
         group, effect_m = np.full(n, ALONE), np.zeros((n, 2))
         group[rows] = number.reshape(-1)
         effect_m[rows] = ends_m * [-1.0, 1.0]
         terms.append(SharedAtEpoch(group, source, effect_m))
-    white = White(np.hypot(arc.observations.sigma_m, choice.extra_sigma_m))
-    return ObservationCovariance((white, *terms, *_phase_noise(arc, choice)))
+    white = White(np.hypot(predictor.observations.sigma_m, choice.extra_sigma_m))
+    return ObservationCovariance((white, *terms, *_phase_noise(predictor, choice)))
 
 
-def _phase_noise(arc: Predictor, choice: ObservationChoice) -> Iterator[DopplerPhase]:
+def _phase_noise(predictor: Predictor, choice: ObservationChoice) -> Iterator[DopplerPhase]:
     """Noise of the phase that Doppler is counted of, which contiguous counts of a link share; none where not stated."""
-    observations = arc.observations
+    observations = predictor.observations
     rows = np.flatnonzero(np.isin(observations.kind, [DOPPLER, kind_of("one_way_doppler")]))
     n, phase_m = (
         len(observations.kind),
-        _ends_m(arc, "doppler_phase_sigma_m", choice.doppler_phase_sigma_m, rows)[:, 1],
+        _ends_m(predictor, "doppler_phase_sigma_m", choice.doppler_phase_sigma_m, rows)[:, 1],
     )
     rows, phase_m = rows[phase_m > 0.0], phase_m[phase_m > 0.0]
     if not len(rows):
@@ -143,15 +148,15 @@ def _phase_noise(arc: Predictor, choice: ObservationChoice) -> Iterator[DopplerP
 
 
 def _ends_m(
-    arc: Predictor, key: str, sigma: float | Mapping[str, float], rows: NDArray[np.intp]
+    predictor: Predictor, key: str, sigma: float | Mapping[str, float], rows: NDArray[np.intp]
 ) -> NDArray[np.float64]:
     """Error of the first and of the second station of some observations, shape (n, 2)."""
     if not isinstance(sigma, Mapping):
         return np.full((len(rows), 2), sigma)
     with error_context(f"[observations] {key}:"):
-        sigma_m = {arc.model.catalogue.get(name).name: sigma for name, sigma in sigma.items()}
-    of_station_m = np.array([sigma_m.get(name, 0.0) for name in arc.stations])
-    return of_station_m[np.stack([arc.transmitters[rows], arc.receivers[rows]], axis=-1)]
+        sigma_m = {predictor.model.catalogue.get(name).name: sigma for name, sigma in sigma.items()}
+    of_station_m = np.array([sigma_m.get(name, 0.0) for name in predictor.stations])
+    return of_station_m[np.stack([predictor.transmitters[rows], predictor.receivers[rows]], axis=-1)]
 
 
 def same_epoch(epoch: Epochs) -> NDArray[np.intp]:

@@ -33,15 +33,19 @@ from radioloc.targets.surface_point import (
 from radioloc.targets.target import Target
 
 
-def build_targets(study: Study, arc: Predictor, choice: EstimateChoice) -> list[Target]:
+def build_targets(study: Study, predictor: Predictor, choice: EstimateChoice) -> list[Target]:
     """Return the targets of a study, with their estimated parameters, in the order of the arc's motions."""
     names = study.names_in_order or tuple(study.all_targets)
     targets: list[Target] = [
-        *surface_points(targets_in_pa(study, arc.model), arc.model, choice, several=len(study.landers) > 1)
+        *surface_points(
+            targets_in_pa(study, predictor.model), predictor.model, choice, several=len(study.landers) > 1
+        )
     ]
-    for name, motion in zip(names[len(targets) :], arc.motions[len(targets) :], strict=True):
+    for name, motion in zip(names[len(targets) :], predictor.motions[len(targets) :], strict=True):
         if name in study.described:
-            targets.append(described_target(study, name, arc.model, estimated=choice.position != "none"))
+            targets.append(
+                described_target(study, name, predictor.model, estimated=choice.position != "none")
+            )
             continue
         orbiter, orbit = study.orbiters.get(name), motion.adjustable
         if orbiter is None:
@@ -49,7 +53,7 @@ def build_targets(study: Study, arc: Predictor, choice: EstimateChoice) -> list[
             continue
         place_name = name if len(study.landers) > 1 else ""
         prior = _prior(choice, name)
-        target = _flying(orbiter, orbit, arc.model, choice, place_name, prior)  # type: ignore[arg-type]
+        target = _flying(orbiter, orbit, predictor.model, choice, place_name, prior)  # type: ignore[arg-type]
         targets.append(_named(target, name, several=len(study.orbiters) > 1))
     return targets
 

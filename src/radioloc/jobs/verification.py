@@ -157,8 +157,8 @@ def _repeated(path: Path, recorded: Mapping[str, Any], file: str | Path | None) 
         )
     if hours != full_study.observations.hours:
         return arcs(full_study, [hours]).arcs[0].solution.to_dict()
-    arc, left_out = prepared_arc(study)
-    return fit_arc(study, arc, left_out, None if estimate is None else study.estimate).to_dict()
+    predictor, left_out = prepared_arc(study)
+    return fit_arc(study, predictor, left_out, None if estimate is None else study.estimate).to_dict()
 
 
 def _require_unchanged(problem: str, recorded: Mapping[str, Any], origin: Mapping[str, Any]) -> None:

@@ -109,7 +109,7 @@ def find_manoeuvres(start: StagedStart, usable: NDArray[np.bool_]) -> list[Manoe
         manoeuvre = _find_manoeuvre(start, rows, x)
         if manoeuvre is not None:
             manoeuvres.append(manoeuvre)
-            x, usable = manoeuvre.x, usable & ~manoeuvre.separates(start.arc.observations)
+            x, usable = manoeuvre.x, usable & ~manoeuvre.separates(start.predictor.observations)
         elif reach_s >= start.away_s[usable].max():
             return manoeuvres
         else:
@@ -118,7 +118,7 @@ def find_manoeuvres(start: StagedStart, usable: NDArray[np.bool_]) -> list[Manoe
 
 def _find_manoeuvre(start: StagedStart, rows: NDArray[np.intp], x: Floats) -> Manoeuvre | None:
     """Return the manoeuvre that explains the residuals of some observations, or ``None``."""
-    search = _Search(start, start.arc.select(rows), start.sigma_m[rows])
+    search = _Search(start, start.predictor.select(rows), start.sigma_m[rows])
     guess = search.scan(x)
     if guess is None or guess.gain < _MIN_SCAN_GAIN:
         return None

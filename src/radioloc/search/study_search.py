@@ -202,8 +202,8 @@ def _with_first_orbit(
 def _with_transmitters(
     result: SearchResult, original: Study, observations: Observations | None
 ) -> SearchResult:
-    arc, _ = prepared_arc(result.study, observations)
-    passes = compared_transmitters(original, arc)
+    predictor, _ = prepared_arc(result.study, observations)
+    passes = compared_transmitters(original, predictor)
     uplinks = [item.uplink() for item in passes]
     tables = {"uplinks": list(map(_uplink_keys, uplinks))}
     change = Change(("observations",), {}, ("transmitters", "turnarounds"), tables)
@@ -216,12 +216,12 @@ def _with_manoeuvres(result: SearchResult, observations: Observations | None) ->
     study = result.study
     orbiter = study.orbiter
     assert orbiter is not None
-    arc, _ = prepared_arc(study, observations)
-    problem = EstimationProblem.from_study(study, arc, study.estimate)
+    predictor, _ = prepared_arc(study, observations)
+    problem = EstimationProblem.from_study(study, predictor, study.estimate)
     start = StagedStart.from_model(problem.model, problem.noise.sigma_m)
     if start is None:
         return result
-    manoeuvres = find_manoeuvres(start, usability(start.arc)[0].are(USED))
+    manoeuvres = find_manoeuvres(start, usability(start.predictor)[0].are(USED))
     stated = orbiter.forces.impulses
     impulses = [
         Impulse(f"found_{len(stated) + k}", item.epoch, tuple(item.delta_v_m_s.round(6).tolist()))

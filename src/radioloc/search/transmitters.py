@@ -94,9 +94,9 @@ class TransmitterPass:
         return fields | spans | {"taken": self.ranking[0], "decided": self.decided}
 
 
-def compared_transmitters(study: Study, arc: Predictor) -> list[TransmitterPass]:
+def compared_transmitters(study: Study, predictor: Predictor) -> list[TransmitterPass]:
     """Compare the candidates of a study in each pass of Doppler; InputError for unknown ones, or if none fits."""
-    choice, observations, catalogue = study.observations, arc.observations, arc.model.catalogue
+    choice, observations, catalogue = study.observations, predictor.observations, predictor.model.catalogue
     with error_context("[observations] transmitters:"):
         stations = [catalogue.get(name).name for name in choice.transmitters or ()]
     ratios: list[Fraction | None] = [_ratio(text) for text in choice.turnarounds or ()]
@@ -110,7 +110,7 @@ def compared_transmitters(study: Study, arc: Predictor) -> list[TransmitterPass]
         )
     samples = [rows[np.unique(np.linspace(0, len(rows) - 1, _MAX_COUNTS).astype(int))] for rows in passes]
     sampled = np.concatenate(samples)
-    computed_m = {station: _computed_m(study, arc, sampled, station) for station in stations or [""]}
+    computed_m = {station: _computed_m(study, predictor, sampled, station) for station in stations or [""]}
     rate_m_s = {
         name: (
             with_turnaround(observations, sampled, None if ratio is None else float(ratio))
@@ -143,16 +143,18 @@ def compared_transmitters(study: Study, arc: Predictor) -> list[TransmitterPass]
     return passes_compared
 
 
-def _computed_m(study: Study, arc: Predictor, rows: _Rows, station: str) -> Floats:
+def _computed_m(study: Study, predictor: Predictor, rows: _Rows, station: str) -> Floats:
     """Return computed values of some rows for a transmitter, or those of the files; NaN for unusable rows."""
-    observations = arc.observations.select(rows)
+    observations = predictor.observations.select(rows)
     if station:
         changed = with_transmitter(observations, np.arange(len(rows)), station)
         used, link = np.unique(changed.link, return_inverse=True)
         observations = replace(
             changed, links=tuple(changed.links[k] for k in used), link=link.astype(np.int32)
         )
-    predictor = prepare_predictor(arc.model, observations, arc.motions, study.model.evaluation, arc.targets)
+    predictor = prepare_predictor(
+        predictor.model, observations, predictor.motions, study.model.evaluation, predictor.targets
+    )
     computed = predictor.compute()
     return np.where(computed.usable, computed.value_m, np.nan)
 

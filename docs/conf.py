@@ -93,7 +93,7 @@ def data_docstring(app, what, name, value, options, lines):
     if what != "data" or (package, public) == ("radioloc", "__version__"):
         return
     source = Path(importlib.import_module(package).__file__).read_text()
-    home = re.search(rf"^from (\S+) import (?:[^\n(]*|\([^)]*)\b{public}\b", source, re.MULTILINE)
+    home = re.search(rf"^ *from (\S+) import (?:[^\n(]*|\([^)]*)\b{public}\b", source, re.MULTILINE)
     lines[:] = ModuleAnalyzer.for_module(home[1] if home else package).find_attr_docs()["", public]
 
 

@@ -1,9 +1,10 @@
 """Osculating elements of a state.
 
 Angles are measured in axes given as the rows of an array (3, 3), such as :func:`equatorial_axes`. Keplerian elements
-are those of Montenbruck and Gill (2000), section 2.2. Equinoctial elements, which are regular for circular and
-equatorial orbits, are ex + i ey = e exp(i (periapsis + node)), hx + i hy = tan(i / 2) exp(i node) and the true
-longitude, periapsis + node + true anomaly (Walker, Ireland and Owens 1985, Celestial Mechanics 36, 409).
+are those of Montenbruck and Gill (2000), section 2.2. Equinoctial elements are regular for circular and equatorial
+orbits (Walker, Ireland and Owens 1985, Celestial Mechanics 36, 409). With the imaginary unit i they are
+ex + i ey = e exp(i (periapsis + node)), hx + i hy = tan(inclination / 2) exp(i node), and the true longitude, periapsis
++ node + true anomaly.
 """
 
 from __future__ import annotations
@@ -41,8 +42,8 @@ def equatorial_axes(libration: LunarOrientation, tdb: Epochs) -> Floats:
     return np.stack([to_node, np.cross(pole, to_node), pole])
 
 
-def plane_deg(state: Floats, axes: Floats) -> tuple[float, float]:
-    """Return inclination and longitude of the ascending node of a state's plane in such axes, deg, node 0 to 360."""
+def inclination_and_node_deg(state: Floats, axes: Floats) -> tuple[float, float]:
+    """Return inclination and longitude of the ascending node (0 to 360) of a state in some axes, deg."""
     x, y, z = axes @ np.cross(state[:3], state[3:])
     return float(np.degrees(np.arctan2(np.hypot(x, y), z))), float(np.degrees(np.arctan2(x, -y)) % 360.0)
 
@@ -57,10 +58,11 @@ def elements_from_state(
     state : array_like, shape (6,)
         Position, m, and velocity, m/s, relative to the body's centre.
     gm_m3_s2 : float
-        GM of the body.
+        GM of the body, m^3/s^2.
     axes : array_like, shape (3, 3)
         Axes of the angles as rows, in the axes of the state.
     form : {"keplerian", "equinoctial"}
+        Kind of the elements.
 
     Returns
     -------
@@ -86,7 +88,7 @@ def elements_from_state(
     momentum = np.cross(r, v)
     with np.errstate(divide="ignore", invalid="ignore"):
         distance = np.linalg.norm(r)
-        axis_m = 1.0 / (2.0 / distance - v @ v / gm_m3_s2)
+        semi_major_axis_m = 1.0 / (2.0 / distance - v @ v / gm_m3_s2)
         wx, wy, wz = momentum / np.linalg.norm(momentum)
         # With an inclination of 180 deg the node is undefined.
         hx, hy = -wy / (1.0 + wz), wx / (1.0 + wz)
@@ -94,7 +96,7 @@ def elements_from_state(
         eccentricity_vector = np.cross(v, momentum) / gm_m3_s2 - r / distance
     ex, ey = eccentricity_vector @ first, eccentricity_vector @ second
     longitude = np.arctan2(r @ second, r @ first)
-    equinoctial = np.array([axis_m, ex, ey, hx, hy, np.degrees(longitude) % 360.0])
+    equinoctial = np.array([semi_major_axis_m, ex, ey, hx, hy, np.degrees(longitude) % 360.0])
     if not np.isfinite(equinoctial).all():
         raise InputError(
             "state: expected an elliptic or hyperbolic orbit with an inclination below 180 deg, got "
@@ -102,9 +104,11 @@ def elements_from_state(
         )
     if form == "equinoctial":
         return equinoctial
-    node, from_node = np.arctan2(hy, hx), np.arctan2(ey, ex)
-    angles = np.degrees([node, from_node - node, longitude - from_node]) % 360.0
-    return np.array([axis_m, np.hypot(ex, ey), np.degrees(2.0 * np.arctan(np.hypot(hx, hy))), *angles])
+    node, periapsis_longitude = np.arctan2(hy, hx), np.arctan2(ey, ex)
+    angles = np.degrees([node, periapsis_longitude - node, longitude - periapsis_longitude]) % 360.0
+    return np.array(
+        [semi_major_axis_m, np.hypot(ex, ey), np.degrees(2.0 * np.arctan(np.hypot(hx, hy))), *angles]
+    )
 
 
 def state_from_elements(
@@ -130,11 +134,14 @@ def state_from_elements(
         raise InputError(
             f"elements: expected six finite numbers ({', '.join(FORMS[form])}), got {elements!r}"
         )
-    axis_m, eccentricity = values[0], values[1] if form == "keplerian" else np.hypot(values[1], values[2])
-    if not (axis_m > 0.0 and 0.0 <= eccentricity < 1.0):
+    semi_major_axis_m, eccentricity = (
+        values[0],
+        values[1] if form == "keplerian" else np.hypot(values[1], values[2]),
+    )
+    if not (semi_major_axis_m > 0.0 and 0.0 <= eccentricity < 1.0):
         raise InputError(
             "elements: expected semi_major_axis_m above 0 and an eccentricity from 0 to less than 1, got "
-            f"{axis_m:g} and {eccentricity:g}; state a hyperbola by position_m and velocity_m_s"
+            f"{semi_major_axis_m:g} and {eccentricity:g}; state a hyperbola by position_m and velocity_m_s"
         )
     if form == "keplerian" and not 0.0 <= values[2] < 180.0:
         raise InputError(f"inclination_deg: expected 0 to less than 180, got {values[2]:g}")
@@ -142,7 +149,7 @@ def state_from_elements(
 
 
 def state_with_partials(elements: Floats, gm_m3_s2: float, axes: Floats, form: str) -> tuple[Floats, Floats]:
-    """Return a state, (6,), and its partials with respect to the elements, (6, 6); NaN unless it is an ellipse."""
+    """Return the state (6,) of an ellipse and its partials with respect to the elements, (6, 6)."""
     steps = elements + 1j * _IMAGINARY_STEP * np.eye(6)
     states = np.stack([_state(step, gm_m3_s2, axes, form) for step in steps], axis=-1)
     return states[:, 0].real, states.imag / _IMAGINARY_STEP
@@ -156,21 +163,24 @@ def _require_form(form: str) -> None:
 def _state(elements: NDArray[Any], gm_m3_s2: float, axes: Floats, form: str) -> NDArray[Any]:
     """Compute the state analytically, so that complex steps give its partials."""
     if form == "keplerian":
-        axis_m, eccentricity = elements[:2]
+        semi_major_axis_m, eccentricity = elements[:2]
         inclination, node, periapsis, anomaly = elements[2:] * (np.pi / 180.0)
         ex, ey = eccentricity * np.cos(periapsis + node), eccentricity * np.sin(periapsis + node)
         tangent = np.tan(0.5 * inclination)
         hx, hy = tangent * np.cos(node), tangent * np.sin(node)
         longitude = periapsis + node + anomaly
     else:
-        axis_m, ex, ey, hx, hy, longitude = elements
+        semi_major_axis_m, ex, ey, hx, hy, longitude = elements
         longitude = longitude * (np.pi / 180.0)
-    parameter = axis_m * (1.0 - ex**2 - ey**2)
-    cos, sin = np.cos(longitude), np.sin(longitude)
-    distance, speed = parameter / (1.0 + ex * cos + ey * sin), np.sqrt(gm_m3_s2 / parameter)
+    semi_latus_rectum = semi_major_axis_m * (1.0 - ex**2 - ey**2)
+    cosine, sine = np.cos(longitude), np.sin(longitude)
+    distance, speed = (
+        semi_latus_rectum / (1.0 + ex * cosine + ey * sine),
+        np.sqrt(gm_m3_s2 / semi_latus_rectum),
+    )
     first, second = _basis(hx, hy)
-    position = distance * (cos * first + sin * second)
-    velocity = speed * ((cos + ex) * second - (sin + ey) * first)
+    position = distance * (cosine * first + sine * second)
+    velocity = speed * ((cosine + ex) * second - (sine + ey) * first)
     return np.concatenate([position @ axes, velocity @ axes])
 
 

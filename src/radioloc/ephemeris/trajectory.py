@@ -1,6 +1,7 @@
 """Trajectories of spacecraft from an SPK, relative to the Earth and the Moon of an ephemeris.
 
-This module reads the file without SPICE, so that SPICE's pool of loaded kernels has no effect and does not change.
+This module reads the file without SPICE, whose pool of loaded kernels does not change; only the rotations of inertial
+frames other than the ICRF are those of SPICE.
 """
 
 from __future__ import annotations
@@ -115,14 +116,17 @@ class Trajectory:
         if isinstance(body, bool) or not isinstance(body, int | np.integer):
             raise InputError(f"body: expected a NAIF code, an integer such as -85, got {body!r}")
         kernel_path = find_kernel(path, "SPK")
-        listed: dict[int, list[DafSegment]] = {}
+        segments_by_body: dict[int, list[DafSegment]] = {}
         for segment in read_segments(kernel_path, "SPK"):
-            listed.setdefault(segment.integers[0], []).append(segment)
-        if body not in listed:
-            held = ", ".join(map(str, sorted(listed))) or "none"
-            raise KernelError(f"{kernel_path} has no body with the NAIF code {body}; it holds {held}")
+            segments_by_body.setdefault(segment.integers[0], []).append(segment)
+        if body not in segments_by_body:
+            bodies = ", ".join(map(str, sorted(segments_by_body))) or "none"
+            raise KernelError(f"{kernel_path} has no body with the NAIF code {body}; it holds {bodies}")
         return _trajectory(
-            KernelFile(kernel_path, "SPK", sha256_of(kernel_path), False, "", ""), listed, (body,), {}
+            KernelFile(kernel_path, "SPK", sha256_of(kernel_path), False, "", ""),
+            segments_by_body,
+            (body,),
+            {},
         )
 
     @property
@@ -138,7 +142,7 @@ class Trajectory:
     def geocentric(self, ephemeris: Ephemeris, tdb: EpochsLike) -> tuple[Floats, Floats]:
         """Geocentric position and velocity, geometric (no light time), in barycentric coordinates, ICRF axes.
 
-        Segments are evaluated at one float, seconds since J2000, to 0.12 microseconds: 0.1 mm at 2 km/s.
+        Segments are evaluated at one float, seconds since J2000, to 0.06 microseconds, 0.1 mm at 2 km/s.
         The remainder of the epoch is applied with the velocity, accurate to far below a micrometre.
 
         Raises
@@ -150,14 +154,14 @@ class Trajectory:
         """
         tdb.require("TDB")
         midnight_s = (tdb.jd - J2000_JD) * SECONDS_PER_DAY
-        of_day_s = tdb.fraction * SECONDS_PER_DAY
-        et_s = midnight_s + of_day_s
-        rest_s = (midnight_s - et_s) + of_day_s
+        seconds_of_day = tdb.fraction * SECONDS_PER_DAY
+        et_s = midnight_s + seconds_of_day
+        rounding_s = (midnight_s - et_s) + seconds_of_day
         indices = self.segment_at(et_s)
         if (indices < 0).any():
             raise self._not_covered(et_s[indices < 0])
         states = self.states(et_s, indices) * _M_PER_KM
-        position_m, velocity_m_s = states[:, :3] + states[:, 3:] * rest_s[:, None], states[:, 3:]
+        position_m, velocity_m_s = states[:, :3] + states[:, 3:] * rounding_s[:, None], states[:, 3:]
         centers = np.array([segment.center for segment in self.segments])[indices]
         for center in np.unique(centers).tolist():
             rows = np.flatnonzero(centers == center)
@@ -214,7 +218,7 @@ class Trajectory:
 
 def _trajectory(
     file: KernelFile,
-    listed: Mapping[int, list[DafSegment]],
+    segments_by_body: Mapping[int, list[DafSegment]],
     chain: tuple[int, ...],
     opened: dict[int, Trajectory],
 ) -> Trajectory:
@@ -228,16 +232,16 @@ def _trajectory(
         )
     if body in opened:
         return opened[body]
-    segments = tuple(map(_trajectory_segment, listed[body]))
+    segments = tuple(map(_trajectory_segment, segments_by_body[body]))
     bases = {}
     for center in sorted({segment.center for segment in segments} - _EPHEMERIS_CENTERS):
-        if center in listed:
-            bases[center] = _trajectory(file, listed, (*chain, center), opened)
+        if center in segments_by_body:
+            bases[center] = _trajectory(file, segments_by_body, (*chain, center), opened)
         elif not 0 <= center <= _MAX_NATURAL_CODE:
             raise KernelError(
                 f"{path} gives body {body} relative to {center}, which it does not hold (it holds "
-                f"{', '.join(map(str, sorted(listed)))}); add the SPK of {center} to the file, for example by NAIF's "
-                "spkmerge"
+                f"{', '.join(map(str, sorted(segments_by_body)))}); add the SPK of {center} to the file, for example "
+                "by NAIF's spkmerge"
             )
     spans_s = merge_spans(
         (max(segment.start_s, start_s), min(segment.end_s, end_s))
@@ -251,8 +255,8 @@ def _trajectory(
             "file with both for the same time"
         )
     dates = tdb_date(spans_s[0][0]), tdb_date(spans_s[-1][1])
-    named = replace(file, start_tdb=dates[0], end_tdb=dates[1])
-    opened[body] = Trajectory(named, body, segments, bases, tuple(spans_s))
+    kernel = replace(file, start_tdb=dates[0], end_tdb=dates[1])
+    opened[body] = Trajectory(kernel, body, segments, bases, tuple(spans_s))
     return opened[body]
 
 

@@ -58,7 +58,7 @@ _LOG_SEPARABILITY_LEVEL = math.log(1e-3)  # excludes one right cause in a thousa
 _MAX_FINDING_COUNT = 3  # further findings are mostly consequences of the first
 _MAX_GROUP_COUNT = 200  # bounds the time for long arcs of many passes
 _MAX_ROUND_COUNT = 3  # of noise and most significant error, each computed from the other
-_MIN_SQUARED_CORRELATION = 1.0 - 1e-6  # of two columns that differ by rounding and light times
+_MIN_SQUARED_CORRELATION = 1.0 - 1e-6  # above which two columns describe the same error
 _ERROR_KINDS = ("a priori", "parameter", "offset", "jump", FORCES)  # of errors, the more specific first
 _log_p_value = attrgetter("log_p_value")
 
@@ -256,7 +256,7 @@ class _GrossErrorSearch:
         return _with_alternatives(best, reweighted, candidates, noise_dof)
 
     def is_rejected_series(self, finding: _Candidate) -> bool:
-        """Return whether a finding is a step or offset of a series whose outliers are most of it."""
+        """Return whether a finding is a step or offset of series that have runs of rejected outliers."""
         codes = {int(self.hypotheses.order.code[rows[0]]) for rows in self.hypotheses.readmitted}
         return finding.hypothesis.kind in ("jump", "offset") and codes >= finding.hypothesis.links.keys()
 
@@ -335,7 +335,8 @@ class _GrossErrorSearch:
         if width_s > 0.0:  # locate the step within its bins
             near_rows = np.flatnonzero(np.abs(time_s - begin_s) <= 3.0 * width_s)
             signs = np.array([hypothesis.links[code] for code in order.code[rows[near_rows]].tolist()])
-            first = int(near_rows[_step_index(signs * fit.residual_m[rows[near_rows]])])
+            if len(near_rows) > 1:
+                first = int(near_rows[_step_index(signs * fit.residual_m[rows[near_rows]])])
         first_utc, last_utc = utc_strings(self.epoch_utc[rows[[first, last]]], decimals=0)
         return str(first_utc), "" if math.isinf(end_s) else str(last_utc)
 

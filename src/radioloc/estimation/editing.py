@@ -1,12 +1,13 @@
-"""Outlier rejection by studentized residuals, with re-admission (data snooping; Baarda 1968).
+"""Outlier rejection by studentized residuals, with re-admission, in the manner of data snooping (Baarda 1968).
 
 An observation with residual r_i, stated standard deviation s_i and leverage h_i is rejected if
 
     |r_i| > t max(1, k) s_i sqrt(1 - h_i),    h_i = (A P A^T)_ii / s_i^2,
 
 with design matrix A and covariance P of the estimate. For a rejected observation the root is sqrt(1 + h_i), since the
-fit is independent of it. The threshold t counts standard deviations. The robust scale k, the median spread of r/s, is
-taken over all usable observations, so that rejections do not tighten the limit.
+fit is independent of it. The root is limited to 0.2 to 5, and taken as 1 for residuals far below the limit. The
+threshold t counts standard deviations. All observations beyond their limits are rejected at once. The robust scale k,
+1.4826 times the median of |r/s|, is taken over all usable observations, so that rejections do not tighten the limit.
 
 1. A robust estimate, or a previous fit, gives the first residuals.
 2. All observations within the limit are used, whether they were used before or not, and the others are rejected.
@@ -42,7 +43,7 @@ from radioloc.quantities import accepts_quantities
 from radioloc.vectors import Floats
 
 THRESHOLD = 5.0  # sigmas; of normal residuals one in 1.7 million is larger
-_MIN_THRESHOLD = 2.0  # sigmas; less rejects one good observation in 20 or more
+_MIN_THRESHOLD = 2.0  # sigmas; a smaller one rejects more than 4.5 % of the good observations
 _MAX_PASSES = 20
 _MIN_STUDENTIZED_RATIO = 0.2  # sigma of a residual over that of its observation: leverages up to 0.96
 

@@ -13,6 +13,9 @@ A = dc/dx with the a-priori rows by orthogonal transformations, with the singula
 A step with mu = 0 that does not lower J is repeated with larger damping mu from the same decomposition. The covariance
 of the estimate is P = V S^-2 V^T. Directions of negligible singular values are undetermined and keep their start.
 
+Iterations end when a step is below the tolerance in formal sigmas, when the next step would be negligible, or when
+short steps no longer shrink, as they are rounding.
+
 References: Tapley, Schutz and Born (2004), sections 4.3 and 5.6; Bierman (1977), chapters IV and V; Levenberg (1944);
 Marquardt (1963).
 """
@@ -53,13 +56,14 @@ from radioloc.quantities import accepts_quantities
 from radioloc.vectors import Floats
 
 _MAX_ITERATIONS = 30
-_STEP_TOLERANCE = 1e-3  # formal sigmas times sqrt(chi2/n); such a step lowers the sum by its square
-_MIN_STEP_TOLERANCES = 1e-3  # iterations end without a step that is this far below the tolerance
+_STEP_TOLERANCE = 1e-3  # formal sigmas times sqrt(chi2/n); a step of s sigmas lowers J by s^2
+_NEGLIGIBLE_STEP = 1e-3  # of the tolerance: iterations end without such a step
 _MAX_DAMPING = 1e3  # in largest singular values: the step is then 1e-6 of the undamped one
+_MAX_REFUSED_STEP = 1e-3  # of sqrt(J), in sigmas: J is at its minimum if it refuses such a step
 _SHORT_STEP_SIGMAS = 0.1  # step length below which rounding may raise the sum of squares
 _RELATIVE_ROUNDING = 1e-4  # of the root of the sum: ranges are rounded to 1e-7 m, residuals are millimetres
-_MAX_ROUNDING_STEP_TOLERANCES = 10.0  # shorter steps that do not shrink are rounding
-_MAX_FACTOR_REUSE_SCALES = 1.0  # step, in parameter scales, that changes the partials by less than 1e-6
+_MAX_ROUNDING_STEP = 10.0  # of the tolerance: shorter steps that do not shrink are rounding
+_MAX_FACTOR_REUSE_STEP = 1.0  # in scales of the parameters; changes the partials by less than 1e-6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -117,8 +121,8 @@ class FitResult:
     def noise_scale(self) -> float:
         """Scale factor of the stated sigmas, sqrt(chi2/dof) if chi2 is significantly too large, otherwise 1.
 
-        Correlated weights are scaled already. Unscaled, the mean of two ranges 20 sigmas apart would have a sigma of
-        0.7 (`tests/unit/estimation/test_least_squares.py`).
+        Correlated weights are scaled already. Without the scale, the mean of two ranges that are 20 sigmas apart would
+        have 0.7 of the sigma of one range.
         """
         significant = self.dof > 0 and self.chi2 > chi2_quantile(SCALING_PROBABILITY, self.dof)
         return math.sqrt(self.chi2 / self.dof) if significant and self.independent_weights else 1.0
@@ -266,14 +270,16 @@ class _GaussNewton:
         damping, previous_length = 0.0, math.inf
         while iterate.step_count < _MAX_ITERATIONS:
             length, tolerance = iterate.factor.step_sigmas, self.step_tolerance(iterate)
-            is_negligible = iterate.step_count > 0 and length < _MIN_STEP_TOLERANCES * tolerance
-            is_rounding = 0.5 * previous_length < length < _MAX_ROUNDING_STEP_TOLERANCES * tolerance
+            is_negligible = iterate.step_count > 0 and length < _NEGLIGIBLE_STEP * tolerance
+            is_rounding = 0.5 * previous_length < length < _MAX_ROUNDING_STEP * tolerance
             if is_negligible or is_rounding:
                 return iterate, FitStatus.CONVERGED
             descent = self.descend(iterate, damping)
             if descent is None:
                 # The sum of squares is at its minimum to rounding, or the partials are wrong.
-                at_minimum = length <= max(_SHORT_STEP_SIGMAS, 1e-3 * np.sqrt(iterate.sum_of_squares))
+                at_minimum = length <= max(
+                    _SHORT_STEP_SIGMAS, _MAX_REFUSED_STEP * np.sqrt(iterate.sum_of_squares)
+                )
                 return iterate, FitStatus.CONVERGED if at_minimum else FitStatus.DIVERGED
             previous_length, factor = length, iterate.factor
             iterate, damping = descent
@@ -315,7 +321,7 @@ class _GaussNewton:
     def update_factor(self, trial: _Iterate, previous_x: Floats) -> _Iterate | None:
         """Factorize at a new iterate, or only renew the right side if the fit is about to converge."""
         problem = trial.linearization, self.whitening, self.parameters, trial.x
-        if (np.abs(trial.x - previous_x) / self.parameters.scales).max() <= _MAX_FACTOR_REUSE_SCALES:
+        if (np.abs(trial.x - previous_x) / self.parameters.scales).max() <= _MAX_FACTOR_REUSE_STEP:
             factor = refreshed(trial.factor, *problem)
             if factor.step_sigmas < self.step_tolerance(trial):
                 return replace(trial, factor=factor)
@@ -336,7 +342,8 @@ class _GaussNewton:
 
 def _sum_of_squares(residual_m: Floats, whitening: Whitener, parameters: ParameterSet, x: Floats) -> float:
     """Sum of squares of the whitened residuals and of the a-priori values; infinite unless finite."""
-    prior = ((x - parameters.prior_values) / parameters.prior_sigmas)[parameters.free]
+    free = parameters.free
+    prior = (x - parameters.prior_values)[free] / parameters.prior_sigmas[free]
     total = float((prior * prior).sum())
     for part in whitening.whitened(column(residual_m)):
         total += float(np.square(part, out=part).sum())

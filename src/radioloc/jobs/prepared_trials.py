@@ -33,7 +33,7 @@ from radioloc.jobs.problem import (
     ArcPart,
     EstimationProblem,
     arc_parts,
-    considered_errors,
+    considered_choices,
     require_position_or_orbit,
 )
 from radioloc.jobs.simulate import build_scenario, names_in_scenario, planned_orbits
@@ -112,7 +112,7 @@ class Prepared:
             if isinstance(record, LunarPosition):
                 position_in_pa("[simulation.position]", record, model.ephemeris.constants)
         names = names_in_scenario(study, scenario)
-        world = scenario.world(model, partial(considered_errors, study))
+        world = scenario.world(model, partial(considered_choices, study))
         orbits = planned_orbits(study, scenario, model)
         observations = replace(study.observations, hours=hours[-1])
         whole_study = replace(study, reference=None, references=(), observations=observations)

@@ -7,8 +7,7 @@ their a-priori sigmas and not reported. Errors b that a study leaves out of the 
 and errors of the gravity field change the estimate by S b with the sensitivity S = P A^T W B (Tapley, Schutz and Born
 2004, section 6.2).
 
-Every job begins with the problem: a fit, a covariance analysis, the trials of a Monte Carlo study and fits of parts of
-an arc.
+A fit, a covariance analysis, a trial of a Monte Carlo study and the fit of a part of an arc begin with this problem.
 """
 
 from __future__ import annotations
@@ -194,10 +193,10 @@ def observation_model(
     model = ObservationModel.from_targets(predictor, targets, [*blocks, *considered])
     if choice.clock_epoch is not None:
         model = replace(model, reference=utc_to_tai(choice.clock_epoch))
-    return replace(model, considered_kinds=len(considered))
+    return replace(model, considered_kind_count=len(considered))
 
 
-def considered_errors(study: Study, predictor: Predictor) -> dict[str, ParameterChoice]:
+def considered_choices(study: Study, predictor: Predictor) -> dict[str, ParameterChoice]:
     """Return the considered parameters of a study, by kind, with their a-priori sigmas."""
     return _considered_choices(study, predictor, with_independent_clocks(study, study.estimate, predictor))[0]
 

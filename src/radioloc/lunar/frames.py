@@ -1,6 +1,6 @@
 """Rotations between the ICRF and the Moon's axes, and directions of Earth and Sun from the Moon.
 
-The axes are principal (PA), mean-Earth (ME), or of the IAU's mean rotation.
+The axes are the principal (PA) or mean-Earth (ME) ones, or those of the IAU rotation model.
 
 A rotation of the axes about x by the angle a is Rx(a) = [[1, 0, 0], [0, cos a, sin a], [0, -sin a, cos a]],
 Ry and Rz by cyclic permutation; ``rot_a_to_b @ vector_in_a`` gives the vector in b.
@@ -46,7 +46,10 @@ def sun_me_m(epochs: Epochs) -> Floats:
 def hidden_by_moon(
     point_m: ArrayLike, station_m: ArrayLike, radius_m: ArrayLike = MEAN_LUNAR_RADIUS_M
 ) -> NDArray[np.bool_]:
-    """Determine whether the Moon, a sphere, is between a point and a station; from its centre, in the same axes, m."""
+    """Determine whether a lunar sphere is between points and stations, positions from its centre, m, (..., 3).
+
+    Points inside the sphere are hidden: give the radius of a point that is lower, as on most of the near side.
+    """
     point = as_float_array(point_m, "m", "point_m")
     ray = as_float_array(station_m, "m", "station_m") - point
     ray_part = -np.sum(point * ray, axis=-1) / np.sum(ray * ray, axis=-1)
@@ -82,7 +85,7 @@ def rot_icrf_to_pa(angles_rad: ArrayLike) -> Floats:
 
 
 def angular_velocity_pa(angles_rad: ArrayLike, rates_rad_s: ArrayLike) -> Floats:
-    """Angular velocity of the Moon in the ICRF, in principal axes, rad/s, shape (..., 3), by Euler angles and rates."""
+    """Angular velocity of the Moon, ICRF to principal axes, rad/s, shape (..., 3), from Euler angles and rates."""
     _, theta, psi = _angles(angles_rad, "rad", "angles_rad")
     phi_rate, theta_rate, psi_rate = _angles(rates_rad_s, "rad / s", "rates_rad_s")
     return np.stack(
@@ -104,7 +107,7 @@ def rot_pa_to_me(constants: EphemerisConstants) -> Floats:
     """Rotation from the principal to the mean-Earth axes of an ephemeris, Rx Ry Rz of constant angles, shape (3, 3).
 
     With DE421's angles a point moves by up to 875 m (the literature often quotes 860 m, from older angles).
-    Frames kernels give the inverse, from ME to PA, as the same three angles with opposite sign and order.
+    Frames kernels give the inverse, from ME to PA, as angles of opposite sign that are applied in reverse order.
 
     Examples
     --------
@@ -164,15 +167,19 @@ def rot_icrf_to_iau_moon(tdb: EpochsLike) -> Floats:
     days = (tdb.jd - J2000_JD) + tdb.fraction
     centuries = days / 36525.0
     arguments = np.radians(_IAU_TERMS[:, 0] + np.multiply.outer(days, _IAU_TERMS[:, 1]))
-    alpha_deg = 269.9949 + 0.0031 * centuries + np.sin(arguments) @ _IAU_TERMS[:, 2]
-    delta_deg = 66.5392 + 0.0130 * centuries + np.cos(arguments) @ _IAU_TERMS[:, 3]
+    pole_ra_deg = 269.9949 + 0.0031 * centuries + np.sin(arguments) @ _IAU_TERMS[:, 2]
+    pole_dec_deg = 66.5392 + 0.0130 * centuries + np.cos(arguments) @ _IAU_TERMS[:, 3]
     # Horner's rule and the reduction modulo 360 deg keep the precision of W, which grows by thousands of turns.
-    w_deg = (38.3213 + days * (13.17635815 - 1.4e-12 * days)) % 360.0 + np.sin(arguments) @ _IAU_TERMS[:, 4]
-    return rot_icrf_to_pa(np.radians(np.stack([90.0 + alpha_deg, 90.0 - delta_deg, w_deg], axis=-1)))
+    prime_meridian_deg = (38.3213 + days * (13.17635815 - 1.4e-12 * days)) % 360.0 + np.sin(
+        arguments
+    ) @ _IAU_TERMS[:, 4]
+    return rot_icrf_to_pa(
+        np.radians(np.stack([90.0 + pole_ra_deg, 90.0 - pole_dec_deg, prime_meridian_deg], axis=-1))
+    )
 
 
 def _angles(values: ArrayLike, unit: str, name: str) -> Floats:
     array = as_float_array(values, unit, name)
     if array.ndim == 0 or array.shape[-1] != 3:
-        raise InputError(f"three Euler angles are needed along the last axis, but the shape is {array.shape}")
+        raise InputError(f"{name}: expected shape (..., 3), got {array.shape}")
     return np.moveaxis(array, -1, 0)

@@ -1,4 +1,4 @@
-"""Card of a solution, part on the observations: span, residual statistics, findings and rejected observations."""
+"""Summary of a solution for the screen, the part on the observations and their residuals."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ _MAX_UNFOLDED, _MAX_PAGE_ROWS = 20, 300  # rows of rejected observations on a pa
 _MAX_SERIES = 3
 _RANGE_SIGNIFICANCE_LEVEL = 1e-3  # for all pairs of links of a card together
 _ELLIPSOID_PROBABILITY = 0.683
-_MIN_CORRELATION_FACTOR = 1.05  # growth of the sigma by time correlation that the card states
+_MIN_CORRELATION_FACTOR = 1.05  # growth of the sigma by time correlation from which the card states it
 _MIN_ADVISED_FACTOR = 3.0  # growth above which correlated weights give a much better estimate
 
 
@@ -84,7 +84,7 @@ def finding_lines(solution: Solution, *, in_status: bool) -> Iterator[str]:
     yield (
         f"with {'them' if count > 1 else 'it'} estimated: {longitude_deg:.8f} deg E, {latitude_deg:+.8f} deg N, "
         f"height {height_m:.3f} m; 1 sigma east, north, up {', '.join(map(metres, adapted.sigma_enu_m()))} m. "
-        "The total sigma covers both positions"
+        "The total sigma includes their difference"
     )
 
 
@@ -102,7 +102,8 @@ def select_findings(solution: Solution, *, in_status: bool) -> Iterator[Consiste
 def _is_outside_ellipsoid(solution: Solution, shift_enu_m: tuple[float, float, float] | None) -> bool:
     """Return whether d^T P^-1 d of a shift d exceeds the 68 % quantile of chi-square.
 
-    P is the covariance of a determined position without the findings; a moving target has no shift.
+    P is the covariance of a determined position without the square of the shift by all findings, which the total
+    covariance includes; a moving target has no shift.
     """
     if shift_enu_m is None or not solution.position_determined:
         return False
@@ -152,7 +153,7 @@ def _fit_lines(solution: Solution) -> Iterator[str]:
     if fit.chi2_per_dof > fit.chi2_per_dof_bound:
         line += (
             f": the residuals are {math.sqrt(fit.chi2_per_dof):.3g} times their sigmas "
-            f"(with correct sigmas chi2/dof is below {fit.chi2_per_dof_bound:.3g} in 99.9 %)"
+            f"(with correct sigmas chi2/dof is below {fit.chi2_per_dof_bound:.3g} in 99.9 % of cases)"
         )
     yield line
 

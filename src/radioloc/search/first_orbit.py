@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from radioloc.constants import C_M_S, MEAN_LUNAR_RADIUS_M
-from radioloc.dynamics.elements import equatorial_axes, plane_deg
+from radioloc.dynamics.elements import equatorial_axes, inclination_and_node_deg
 from radioloc.errors import InputError
 from radioloc.jobs.orbit_start import OrbitPart, fitted_state, turned_state
 from radioloc.measurements.exact_predictor import ExactPredictor
@@ -205,7 +205,7 @@ def _fitted(orbiter: Orbiter, arc: ExactPredictor, starts: Sequence[Floats], ste
         except InputError as error:  # orbit below the surface
             logger.info("start without orbit: %s", error)
             continue
-        candidates.append(Candidate(state, _MIN_MISFIT_M_S * spread, *plane_deg(state, axes)))
+        candidates.append(Candidate(state, _MIN_MISFIT_M_S * spread, *inclination_and_node_deg(state, axes)))
     distinct: list[Candidate] = []
     for item in sorted(candidates, key=lambda item: item.misfit_m_s):
         if all(_angle_rad(item.state, better.state) > _SAME_PLANE_RAD for better in distinct):

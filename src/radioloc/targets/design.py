@@ -40,7 +40,7 @@ class ObservationModel:
     columns: tuple[Columns, ...]  # of the kinds of parameter
     reference: Epochs | None = None  # epoch that rates refer to, TAI; the middle of the arc as a rule
     process: StochasticAccelerations | None = None  # of the orbit
-    considered_kinds: int = 0  # number of kinds, the last, whose parameters are considered
+    considered_kind_count: int = 0  # number of kinds, the last, whose parameters are considered
     # Of a long arc, computed once.
     cells: list[Cells] = field(default_factory=list, compare=False, repr=False)
 
@@ -65,7 +65,7 @@ class ObservationModel:
     @property
     def estimated_kinds(self) -> int:
         """Number of kinds, the first, whose parameters are not considered."""
-        return len(self.columns) - self.considered_kinds
+        return len(self.columns) - self.considered_kind_count
 
     @property
     def estimated_indices(self) -> list[int]:

@@ -10,7 +10,7 @@ from tracked_orbit import FIRST_PASS_S, STATE, grail_study, one_way_rms_mm_s, tr
 
 import radioloc
 from radioloc.dynamics import Forces, GravityField
-from radioloc.dynamics.elements import equatorial_axes, plane_deg
+from radioloc.dynamics.elements import equatorial_axes, inclination_and_node_deg
 from radioloc.errors import InputError
 from radioloc.jobs.orbit_start import turned_state
 from radioloc.search import search
@@ -55,9 +55,9 @@ def test_plane_refers_to_the_lunar_equator_and_its_node(model):
     assert right_ascension % 360.0 == pytest.approx(270.0, abs=5.0)
     assert declination == pytest.approx(66.5, abs=2.0)
     velocity = np.cos(np.radians(60.0)) * axes[1] + np.sin(np.radians(60.0)) * axes[2]
-    assert plane_deg(np.concatenate([axes[0], velocity]), axes) == pytest.approx((60.0, 0.0))
+    assert inclination_and_node_deg(np.concatenate([axes[0], velocity]), axes) == pytest.approx((60.0, 0.0))
     turned = turned_state(np.concatenate([axes[0], velocity]), np.radians(30.0) * axes[2])
-    assert plane_deg(turned, axes) == pytest.approx((60.0, 30.0))
+    assert inclination_and_node_deg(turned, axes) == pytest.approx((60.0, 30.0))
 
 
 def study(forces, *plane):

@@ -91,9 +91,10 @@ class EditedFit:
         return outliers
 
     @property
-    def has_excess(self) -> bool:
-        """True if so many observations exceed the limit that none is rejected."""
-        return not self.complete and bool(self.fit.used[self.initial_status.are(USED)].all())
+    def can_continue(self) -> bool:
+        """True if another fit can start here: the fit converged, without more outliers than may be rejected."""
+        has_excess = not self.complete and self.fit.used[self.initial_status.are(USED)].all()
+        return self.fit.converged and not has_excess
 
     @property
     def ended(self) -> bool:

@@ -328,16 +328,16 @@ def products_of(
     """
     from scipy.sparse import hstack
 
-    at_once, before = _MAX_BATCH_ELEMENTS // len(problem.whitened), [] if common is None else [common]
+    at_once, first = _MAX_BATCH_ELEMENTS // len(problem.whitened), [] if common is None else [common]
     ends = np.cumsum([item.columns.shape[1] for item in hypotheses])
     for _, batch in groupby(
         zip(hypotheses, ends.tolist(), strict=True), lambda pair: pair[1] // (1 + at_once)
     ):
-        items = [*before, *(item for item, _ in batch)]
+        items = [*first, *(item for item, _ in batch)]
         products, begin = problem.products(hstack([item.columns for item in items], format="csc")), 0
         for place, item in enumerate(items):
             indices = tuple(range(begin, begin := begin + item.columns.shape[1]))
-            if place >= len(before):
+            if place >= len(first):
                 yield item, products, indices
 
 

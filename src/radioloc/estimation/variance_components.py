@@ -96,9 +96,7 @@ class _Problem:
             self.stated.plus(White(added_m)),
             status=self.initial_status,
             threshold=self.threshold,
-            previous=previous
-            if previous is not None and previous.fit.converged and not previous.has_excess
-            else None,
+            previous=previous if previous is not None and previous.can_continue else None,
             start=self.start,
         )
 

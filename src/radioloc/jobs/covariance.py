@@ -201,10 +201,9 @@ def _scheduled(
     orbits = orbits or planned_orbits(study, scenario, model)
     plan = scenario.schedule.plan(model, antenna_targets(study, scenario, model, orbits))
     predictor, left_out, rows = planned_arc(study, plan.observations, model, orbits)
-    without_noise = [kind for kind in predictor.observations.types() if kind not in scenario.noise.link]
     notes = [
         f"[simulation.noise.{kind}] is not given: white noise of the sessions' sigma_m"
-        for kind in dict.fromkeys(without_noise)
+        for kind in scenario.noise.unstated(predictor.observations)
     ]
     if predictor.predicted_eop.any() and study.consider_defaults and "ut1" not in study.consider:
         notes.append(

@@ -70,9 +70,8 @@ def fixed_parameter_blocks(predictor: Predictor, parameters: Iterable[Parameter]
 def term_errors(model: ObservationModel, x: Floats) -> ConsideredErrors | None:
     """Return each switched-off term of the model as a parameter: 1 if the observations contain the term."""
     predictor, physical, effects_m = model.predictor, model.predictor.model, dict[str, Floats]()
-    names = [name for name in TERMS if not physical.has(name)]
-    if physical.ionosphere is None and "ionosphere" in names:
-        names.remove("ionosphere")
+    unavailable = {"ionosphere"} if physical.ionosphere is None else set[str]()
+    names = [name for name in TERMS if name not in unavailable and not physical.has(name)]
     if not names:
         return None
     motions = model.motions(x)

@@ -224,13 +224,14 @@ def _turnaround_mistakes(
 ) -> Iterator[Mistake]:
     """Yield hypotheses on the turnaround ratio by which Doppler follows from received frequencies."""
     stated = 1e6 * C_M_S / (observations.wavelength_um * observations.uplink_hz)
-    index = np.flatnonzero((observations.kind == KINDS.index("doppler")) & np.isfinite(stated))
-    for up, down in itertools.product(UPLINK, DOWNLINK) if len(index) else ():
+    is_doppler = (observations.kind == KINDS.index("doppler")) & np.isfinite(stated)
+    for up, down in itertools.product(UPLINK, DOWNLINK):
         ratio, value_m = turnaround_ratio(up, down), observations.value_m.copy()
+        is_other = is_doppler & (abs(stated / float(ratio) - 1.0) > _MIN_RATIO_CHANGE)
+        if not is_other.any():
+            continue
+        index = np.flatnonzero(is_other)
         value_m[index] = with_turnaround(observations, index, float(ratio))
-        is_other = np.isin(np.arange(len(stated)), index) & (
-            abs(stated / float(ratio) - 1.0) > _MIN_RATIO_CHANGE
-        )
         for owner, rows in owners:
             if (changed := rows & is_other).any():
                 of_owner = f"the turnaround ratio of Doppler of {owner}"

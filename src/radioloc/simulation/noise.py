@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.errors import InputError
+from radioloc.measurements.observations import Observations
 from radioloc.measurements.registry import KINDS, is_integrated
 from radioloc.noise import (
     ALONE,
@@ -145,6 +146,10 @@ class NoiseModel:
                 raise InputError(
                     f"noise of {name}: phase_m applies to counted measurements such as Doppler; use white_m"
                 )
+
+    def unstated(self, observations: Observations) -> list[str]:
+        """Return the types of observations for which no noise of their own is stated."""
+        return [kind for kind in dict.fromkeys(observations.types()) if kind not in self.link]
 
     def covariance(self, plan: Plan) -> ObservationCovariance:
         """Return the covariance of the errors without outliers; series without noise have the sigma of the schedule."""

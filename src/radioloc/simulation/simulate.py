@@ -82,8 +82,7 @@ class Simulated:
             f"seed {self.seed}, {int(self.is_outlier.sum())} outlier(s)",
             *(
                 f"[simulation.noise.{kind}] is not given: values without noise"
-                for kind in dict.fromkeys(self.observations.types())
-                if kind not in self.noise.link
+                for kind in self.noise.unstated(self.observations)
             ),
             *(f"drawn {name}: {error:.4g}" for name, error in self.drawn.items()),
         ]

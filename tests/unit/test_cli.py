@@ -221,7 +221,11 @@ def test_each_command_has_examples_that_parse(name, capsys):
         program, *arguments = shlex.split(example.partition(" > ")[0])
         assert program == "radioloc"
         assert make_parser().parse_args(arguments).command == name
-    assert "examples:" in parser.format_help()
+    help_text = parser.format_help()
+    assert "examples:" in help_text
+    if "radioloc new --help" in help_text:
+        assert len(help_text.splitlines()) < 45
+        assert "[estimate.orbit]" in make_parser().commands["new"].format_help()
 
 
 def test_general_help_comes_at_once_and_has_the_exit_statuses():

@@ -121,9 +121,9 @@ def output_folder() -> tuple[Argument, Argument]:
     return argument("--out DIR", "write all files of the result to DIR", Path), page
 
 
-STUDY = study_file("the study file; - for standard input, with paths relative to the working directory")
+STUDY = study_file("the study file (keys: radioloc new --help); - for standard input, in the working directory")
 """The study file as the positional argument ``study``."""
-SIMULATED_STUDY = study_file("a study file with [simulation]")
+SIMULATED_STUDY = study_file("a study file with [simulation] (keys: radioloc new --help)")
 JSON = flag("--json", "print the result as JSON and nothing else")
 """The option ``--json``, which :func:`radioloc.cli.finish` obeys."""
 
@@ -149,11 +149,11 @@ def command(
     name: str,
     *arguments: Argument,
     examples: tuple[str, ...] = (),
-    help_tables: Callable[[], Rows] | None = None,
+    help_tables: Callable[[], Rows] = dict,
 ) -> Callable[[Callable[[argparse.Namespace], int]], Command]:
     """Return a decorator that makes a :class:`Command` of the function that runs it, whose docstring is the summary.
 
-    Parameters are those of :class:`Command`; the help of a command that takes a study has the tables of a study file.
+    Parameters are those of :class:`Command`.
 
     Examples
     --------
@@ -165,9 +165,7 @@ def command(
     >>> largest.name, largest.summary
     ('largest', 'Print the largest residual of a study.')
     """
-    takes_study = any(item.keywords.get("metavar") == STUDY.keywords["metavar"] for item in arguments)
-    tables = help_tables or (study_tables if takes_study else dict)
-    return lambda run: Command(name, run.__doc__ or "", arguments, run, examples, tables)
+    return lambda run: Command(name, run.__doc__ or "", arguments, run, examples, help_tables)
 
 
 def study_tables() -> Rows:

@@ -9,7 +9,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from radioloc.cli.command import JSON, argument, command
+from radioloc.cli.command import JSON, argument, command, study_tables
 from radioloc.cli.output import DONE, NOT_CONVERGED, finish, say, tell
 from radioloc.errors import InputError
 from radioloc.lazy import optional
@@ -28,6 +28,7 @@ STARTERS = ("lander", "reflector", "orbiter")
         "out STUDY.toml", "study file to write (default: the target's name in this folder)", Path, nargs="?"
     ),
     examples=("lander", "orbiter my_orbiter.toml"),
+    help_tables=study_tables,
 )
 def new(options: argparse.Namespace) -> int:
     """Write a commented starter study, with a plan of simulated tracking to try it."""

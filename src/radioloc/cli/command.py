@@ -121,7 +121,9 @@ def output_folder() -> tuple[Argument, Argument]:
     return argument("--out DIR", "write all files of the result to DIR", Path), page
 
 
-STUDY = study_file("the study file (keys: radioloc new --help); - for standard input, in the working directory")
+STUDY = study_file(
+    "the study file (keys: radioloc new --help); - for standard input, in the working directory"
+)
 """The study file as the positional argument ``study``."""
 SIMULATED_STUDY = study_file("a study file with [simulation] (keys: radioloc new --help)")
 JSON = flag("--json", "print the result as JSON and nothing else")

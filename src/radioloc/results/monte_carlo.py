@@ -132,6 +132,7 @@ class MonteCarlo(Result):
     #: state's epoch, the middle and the end of the tracking. Empty for a place.
     at_h: tuple[float, ...] = ()
     others: tuple[MonteCarlo, ...] = ()  #: results of further targets in the same trials
+    notes: tuple[str, ...] = ()  #: types of measurement that are simulated without noise
 
     def __getitem__(self, column: str) -> Floats:
         """Return a column of all trials and arcs, shape (trials, arcs).
@@ -240,6 +241,7 @@ class MonteCarlo(Result):
             "trials": self.trials,
             "converged": self.converged,
             "drawn": ["noise", *self.drawn],
+            "notes": list(self.notes),
             "linear": self.linear,
             "linearity": None if check is None else asdict(check) | {"trials": list(check.trials)},
             "arcs": [
@@ -287,7 +289,7 @@ class MonteCarlo(Result):
         return Card(
             (
                 Field("monte carlo", (self.name,)),
-                Field("status", _status(self)),
+                Field("status", (*_status(self), *self.notes)),
                 Field("drawn", (f"{', '.join(['noise', *self.drawn])}; seed {self.seed}",)),
                 Field("axes", (_ORBIT_AXES,) if self.at_h else ()),
                 *(_tables(arcs) if arcs else ()),

@@ -151,6 +151,13 @@ class NoiseModel:
         """Return the types of observations for which no noise of their own is stated."""
         return [kind for kind in dict.fromkeys(observations.types()) if kind not in self.link]
 
+    def notes(self, observations: Observations) -> list[str]:
+        """Return a sentence for each type of observations that is simulated without noise."""
+        return [
+            f"[simulation.noise.{kind}] is not given: values without noise"
+            for kind in self.unstated(observations)
+        ]
+
     def covariance(self, plan: Plan) -> ObservationCovariance:
         """Return the covariance of the errors without outliers; series without noise have the sigma of the schedule."""
         observations = plan.observations

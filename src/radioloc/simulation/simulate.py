@@ -80,10 +80,7 @@ class Simulated:
             self.observations.summary(),
             *(line for target in self.targets for line in _described(target, len(self.targets) > 1)),
             f"seed {self.seed}, {int(self.is_outlier.sum())} outlier(s)",
-            *(
-                f"[simulation.noise.{kind}] is not given: values without noise"
-                for kind in self.noise.unstated(self.observations)
-            ),
+            *self.noise.notes(self.observations),
             *(f"drawn {name}: {error:.4g}" for name, error in self.drawn.items()),
         ]
         return "\n".join(lines)

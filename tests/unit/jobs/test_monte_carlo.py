@@ -368,6 +368,15 @@ def test_the_summary_is_that_of_the_trials(trial_study):
     assert day.from_longest_95_m is None
 
 
+def test_types_without_noise_are_named(ready, trial_study):
+    scenario = replace(ready.world.scenario, noise=NoiseModel({"range": Noise(white_m=1.0)}))
+    silent = replace(ready, world=replace(ready.world, scenario=scenario))
+    [result] = silent.results(trial_study.values, seed=5, linear=True, linearity=None)
+    assert result.notes == ("[simulation.noise.vlbi_delay] is not given: values without noise",)
+    assert "[simulation.noise.vlbi_delay]" in str(result)
+    assert not trial_study.notes
+
+
 def test_binomial_bounds_are_exact():
     # Tables of the binomial distribution: n = 20, p = 0.95, P(X <= 16) = 0.0159, P(X <= 17) = 0.0755.
     assert binomial_bounds(20, 0.95) == (17 / 20, 1.0)

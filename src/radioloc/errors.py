@@ -161,4 +161,4 @@ class FontWarning(RadiolocWarning):
 
 
 class PluginWarning(RadiolocWarning):
-    """An entry point of another package cannot be used and is left out."""
+    """An entry point of another package is left out, or a registered medium repeats a built-in one."""

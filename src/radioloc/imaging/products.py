@@ -135,14 +135,15 @@ def lay_over(
 ) -> Mask:
     """Draw images over a canvas in the cells of a grid, the finest on top, and return the mask of their cells."""
     covered = np.zeros(canvas.shape, bool)
-    for frame in sorted(frames, key=lambda frame: -frame.pixel_m):
+    for frame in sorted(frames, key=lambda frame: frame.pixel_m):
         cells = np.column_stack(grid.cells(*outline(solution.registration.view(frame.name)).T))
         first = np.clip(np.floor(cells.min(axis=0)), 0, canvas.shape).astype(int)
         last = np.clip(np.ceil(cells.max(axis=0)) + 1, first, canvas.shape).astype(int)
         part = slice(first[0], last[0]), slice(first[1], last[1])
-        if (last - first).min() >= _MIN_DRAWN_CELLS:
+        if (last - first).min() >= _MIN_DRAWN_CELLS and not covered[part].all():
             values, shown = drawn(frame, part_of(grid, *part))
-            canvas[part][shown] = values[shown]
+            uncovered = shown & ~covered[part]
+            canvas[part][uncovered] = values[uncovered]
             covered[part] |= shown
     return covered
 

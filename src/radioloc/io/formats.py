@@ -34,7 +34,7 @@ from radioloc.io.tdm import TdmAgreement, looks_like_tdm, read_tdm, write_tdm
 from radioloc.measurements.observations import Observations, without_duplicates, without_second
 from radioloc.measurements.quantised import with_rounding_in_sigmas
 from radioloc.measurements.registry import is_integrated
-from radioloc.measurements.table_columns import COLUMNS
+from radioloc.measurements.table_columns import COLUMNS, own_columns_hint
 from radioloc.plugins import Registry, entry_errors
 from radioloc.progress import step
 from radioloc.text_files import read_head, read_text, require_ending
@@ -283,10 +283,10 @@ def _reader_of(path: str | Path) -> Reader:
     lines = [line for line in text.splitlines() if line.strip()]
     first = next((line for line in lines if not line.lstrip().startswith("#")), lines[0])
     formats = "; ".join(f"{reader.name} ({reader.description})" for reader in READERS.values())
-    solution = "; a solution of images belongs to [[observations.map_positions]]" if first[0] == "{" else ""
-    raise FileFormatError(
-        path, f"starts with {first[:40]!r}; expected one of the formats {formats}{solution}"
-    )
+    hint = "; a solution of images belongs to [[observations.map_positions]]" if first[0] == "{" else ""
+    if len(header := re.split("[,;\t]", first)) >= _MIN_COLUMN_NAMES and first[0].isalpha():
+        hint = f"; {own_columns_hint(path, header)}"
+    raise FileFormatError(path, f"starts with {first[:40]!r}; expected one of the formats {formats}{hint}")
 
 
 def write_observations(

@@ -200,11 +200,11 @@ class Observations:
         lunar: bool = True,
         **constants: Any,
     ) -> Observations:
-        """Read a table of pandas, Arrow, polars or astropy, or a dictionary of arrays.
+        """Read a table of pandas, Arrow, polars or astropy, a dictionary of arrays, or a file with columns of its own.
 
         Parameters
         ----------
-        table : DataFrame, Table, QTable or mapping of str to array_like
+        table : DataFrame, Table, QTable, mapping of str to array_like, or path-like
             Columns of a file of observations (``docs/reference/observation-table.md``): ``epoch_utc`` (text,
             timestamps, or a Time of any scale), ``type``, ``path``, ``observed_m`` or ``light_time_s``, ``sigma_m`` or
             ``sigma_s``, ``time_tag``, and optional ones.
@@ -219,7 +219,8 @@ class Observations:
         lunar : bool
             Whether targets are at the Moon, so that ranges of another length are an error.
         **constants
-            Values of all rows by the name of the missing column.
+            Values of all rows by the name of the missing column; texts may name columns of the table:
+            ``path="{station}>lander>{station}"``.
 
         Raises
         ------

@@ -23,7 +23,7 @@ from radioloc.earth.stations import StationCatalogue
 from radioloc.errors import FileFormatError, InputError
 from radioloc.measurements.link import Link
 from radioloc.measurements.registry import KINDS, TIME_TAGS
-from radioloc.text_files import text_of_cell
+from radioloc.text_files import read_text, text_of_cell
 from radioloc.time import Epochs, to_scale
 from radioloc.time.dates import utc_from_picoseconds, utc_from_text, utc_to_picoseconds
 from radioloc.units import ASTROPY_UNITS, argument_unit, as_float_array, in_unit
@@ -114,7 +114,8 @@ def require_columns(
         if name not in choices:
             matches = difflib.get_close_matches(name.lower(), {*choices} - {*header}, n=1)
             hint = f"did you mean {matches[0]}? Columns are" if matches else "use"
-            raise FileFormatError(path, f"unknown column {name!r}; {hint} {', '.join(choices)}", line)
+            advice = "" if path == _TABLE else f"; {own_columns_hint(path, header)}"
+            raise FileFormatError(path, f"unknown column {name!r}; {hint} {', '.join(choices)}{advice}", line)
         if header.count(name) > 1:
             raise FileFormatError(path, f"duplicate column {name!r}; remove one", line)
     split = [name for name in SPLIT_EPOCH if name in header]
@@ -127,6 +128,15 @@ def require_columns(
             raise FileFormatError(path, f"column {' or '.join(choice)} is missing; add it", line)
         if len(present) > 1:
             raise FileFormatError(path, f"columns {' and '.join(present)} are redundant; remove one", line)
+
+
+def own_columns_hint(path: str | Path, header: Sequence[str]) -> str:
+    """Return how a file with other names of columns is read."""
+    return (
+        "columns with other names are read in Python: "
+        f"radioloc.Observations.from_table({Path(path).name!r}, columns={{'epoch_utc': {header[0]!r}, "
+        "'observed_m': ..., 'sigma_m': ...}, type='range', path='KASHI>lander>KASHI', time_tag='receive')"
+    )
 
 
 def require_lunar_flight_times(
@@ -344,6 +354,8 @@ def columns_of_table(
         if column in names:
             raise InputError(f"{column}: expected a column of the table or a constant, got both")
         repeated = value * np.ones(n) if hasattr(value, "unit") else np.full(n, value)
+        if isinstance(value, str) and "{" in value:
+            repeated = _filled(column, value, table_columns)
         arrays |= _arrow(_ALIASES.get(column, column), repeated, _unit(value), None)
     require_columns(_TABLE, list(arrays), split_epoch=True)
     single = [_ALIASES.get(k, k) for k, name in names.items() if is_single_precision(table_columns[name][0])]
@@ -353,8 +365,33 @@ def columns_of_table(
     return reader.columns()
 
 
+def _filled(column: str, form: str, table_columns: Mapping[str, Any]) -> NDArray[np.str_]:
+    """Return a text for each row, such as ``{station}>lander>{station}``, with the columns that it names."""
+    names = re.findall(r"\{(.*?)\}", form)
+    if unknown := [name for name in names if name not in table_columns]:
+        raise InputError(f"{column}: expected columns {', '.join(table_columns)}, got {unknown[0]!r}")
+    rows = zip(*(map(str, np.asarray(table_columns[name][0]).tolist()) for name in names), strict=True)
+    return np.array([form.format(**dict(zip(names, row, strict=True))) for row in rows])
+
+
+def _read_csv(path: str | Path) -> Any:
+    """Return a file with a line of names and columns between commas, semicolons or tabs as an Arrow table."""
+    from pyarrow import ArrowInvalid, BufferReader, csv
+
+    lines = [line for line in read_text(path).split("\n") if line.strip() and line[0] != "#"]
+    if not lines:
+        raise FileFormatError(path, "has no line that names columns")
+    options = csv.ParseOptions(delimiter=max(",;\t", key=lines[0].count))
+    try:
+        return csv.read_csv(BufferReader("\n".join(lines).encode()), parse_options=options)
+    except ArrowInvalid as error:
+        raise FileFormatError(path, f"cannot be read as a table ({error})") from None
+
+
 def _columns_in_memory(table: Any) -> dict[str, tuple[Any, str]]:
     """Return columns by name, with the units of the table."""
+    if isinstance(table, str | Path):
+        table = _read_csv(table)
     if hasattr(table, "__arrow_c_stream__"):
         import pyarrow
 
@@ -372,7 +409,7 @@ def _columns_in_memory(table: Any) -> dict[str, tuple[Any, str]]:
         }
     if not (hasattr(table, "keys") and hasattr(table, "__getitem__")):
         raise InputError(
-            f"table: expected pandas, Arrow, polars, astropy or a dictionary, got {type(table).__name__}"
+            f"table: expected a file, pandas, Arrow, polars, astropy or a dictionary, got {type(table).__name__}"
         )
     columns = {name: table[name] for name in table.keys()}  # noqa: SIM118  # a Table is iterated by rows
     lengths = {name: len(column) for name, column in columns.items()}

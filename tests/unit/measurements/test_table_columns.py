@@ -13,7 +13,7 @@ from paths import EXAMPLES
 import radioloc
 from radioloc import Observations
 from radioloc.constants import C_M_S
-from radioloc.errors import DataQualityWarning, InputError
+from radioloc.errors import DataQualityWarning, FileFormatError, InputError
 from radioloc.io.table import read_parquet, write_parquet
 from radioloc.measurements import Link
 from radioloc.measurements.table_columns import UNITS
@@ -210,6 +210,33 @@ def test_unusable_tables(table, words):
 def test_unusable_arguments(arguments, words):
     with pytest.raises(InputError, match=words):
         Observations.from_table(COLUMNS, **arguments)
+
+
+def test_file_with_columns_of_its_own(tmp_path):
+    path = tmp_path / "own.csv"
+    rows = ["time;site;rho km;note", f"{DATES[0]};KASHI;765432.1005;a, b", f"{DATES[1]};APOLLO;765400.20025;"]
+    path.write_text("\n".join(["# log", *rows]), encoding="utf-8")
+    settings = {
+        "columns": {"epoch_utc": "time", "observed_m": "rho km"},
+        "units": {"rho km": "km"},
+        "type": "range",
+        "time_tag": "receive",
+        "sigma_m": 2.5,
+    }
+    observations = Observations.from_table(path, path="{site}>lander>{site}", **settings)
+    assert observations.paths().tolist() == [PATH, "APOLLO>lander>APOLLO"]
+    assert observations.value_m == pytest.approx(COLUMNS["observed_m"], abs=1e-6)
+    assert observations.epoch.fraction == pytest.approx(epochs_from_strings(DATES, "UTC").fraction, abs=1e-15)
+    with pytest.raises(InputError, match="got 'station'"):
+        Observations.from_table(path, path="{station}>lander>{site}", **settings)
+
+
+@pytest.mark.parametrize("header", ["time,rho,err", "epoch_utc,type,path,rho"])
+def test_error_of_a_file_with_other_columns_names_the_function_that_reads_it(header, tmp_path):
+    (tmp_path / "own.csv").write_text(f"{header}\n", encoding="utf-8")
+    first = header.partition(",")[0]
+    with pytest.raises(FileFormatError, match=f"from_table.'own.csv', columns=.'epoch_utc': '{first}'"):
+        radioloc.read_observations(tmp_path / "own.csv")
 
 
 def test_duplicate_columns():

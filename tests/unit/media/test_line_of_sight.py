@@ -40,11 +40,11 @@ def test_delays_of_all_media_add_up():
 
 @pytest.mark.parametrize(("zenith_m", "is_warned"), [(2.4, True), (0.1, False)])
 def test_second_troposphere_is_warned_of(zenith_m, is_warned):
-    own = ElevationDelay("own", lambda elevation_rad: zenith_m / np.sin(elevation_rad))
+    second = ElevationDelay("second", lambda elevation_rad: zenith_m / np.sin(elevation_rad))
     expected = pytest.warns(PluginWarning, match="troposphere") if is_warned else nullcontext()
     with expected:
-        view((*MEDIA, own))
-    view((*MEDIA[1:], own))
+        view((*MEDIA, second))
+    view((*MEDIA[1:], second))
 
 
 def test_derivative_by_position_is_that_of_the_delay():

@@ -135,6 +135,29 @@ def test_not_observable_ends_with_3_and_says_what_is_missing(count, run, folder)
     assert "s: NOT OBSERVABLE" in quiet.err
 
 
+@pytest.mark.usefixtures("undrawn")
+def test_several_studies_are_fitted_one_after_another(folder, capsys):
+    lines = TABLE.read_text(encoding="utf-8").splitlines(keepends=True)
+    (folder / "few.csv").write_text("".join(lines[:5]), encoding="utf-8")
+    contents = {"few": study_of("few.csv"), "bad": study_of("none.csv"), "good": study_of()}
+    for name, content in contents.items():
+        (folder / f"{name}.toml").write_text(content, encoding="utf-8")
+    paths = [str(folder / f"{name}.toml") for name in contents]
+    assert cli.main(["locate", *paths, "--out", str(folder / "out"), "--quiet"]) == 3
+    outcome = capsys.readouterr()
+    assert outcome.out == ""
+    few, bad = outcome.err.splitlines()
+    assert few.startswith("radioloc: few: NOT OBSERVABLE")
+    assert bad.startswith("radioloc: bad: ")
+    assert {path.parent.name for path in folder.glob("out/*/solution.json")} == {"few", "good"}
+    assert cli.main(["residuals", *paths[1:], "--json"]) == 2
+    [solution] = json.loads(capsys.readouterr().out)
+    assert solution["name"] == "good"
+    for unclear in ([paths[2], paths[2]], [*paths[1:], "--sinex", "x.snx"]):
+        with pytest.raises(SystemExit):
+            cli.main(["locate", *unclear])
+
+
 @pytest.mark.parametrize(("command", "options"), [("arcs", ["--hours", 0.3, 0.5]), ("leave-one-out", [])])
 def test_quiet_studies_of_several_fits_name_those_that_failed(command, options, run, folder):
     lines = (EXAMPLES / "change5" / "short_arc.csv").read_text(encoding="utf-8").splitlines(keepends=True)

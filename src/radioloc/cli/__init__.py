@@ -13,9 +13,9 @@ from radioloc.cli.output import (
     BAD_INPUT,
     DISK,
     INTERRUPTED,
-    NOT_CONVERGED,
     complain,
     escape_unprintable_output,
+    failure,
     finish,
     logged,
     require_report,
@@ -24,7 +24,7 @@ from radioloc.cli.output import (
     standard_streams,
 )
 from radioloc.cli.registry import make_parser
-from radioloc.errors import ConvergenceError, RadiolocError, RadiolocWarning
+from radioloc.errors import RadiolocError, RadiolocWarning
 from radioloc.progress import SILENT, status_line
 
 __all__ = [
@@ -67,8 +67,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             say("", end="")
             raise
         except RadiolocError as error:
-            complain(str(error))
-            return NOT_CONVERGED if isinstance(error, ConvergenceError) else BAD_INPUT
+            return failure(error)
         except OSError as error:
             from radioloc.text_files import disk_failed
 

@@ -125,6 +125,9 @@ STUDY = study_file(
     "the study file (keys: radioloc new --help); - for standard input, in the working directory"
 )
 """The study file as the positional argument ``study``."""
+STUDIES = argument(
+    "studies STUDY.toml", f"{STUDY.keywords['help']}; several have a folder each in --out", Path, nargs="+"
+)
 SIMULATED_STUDY = study_file("a study file with [simulation] (keys: radioloc new --help)")
 JSON = flag("--json", "print the result as JSON and nothing else")
 """The option ``--json``, which :func:`radioloc.cli.finish` obeys."""

@@ -6,8 +6,9 @@ import argparse
 from pathlib import Path
 
 import radioloc
-from radioloc.cli.command import JSON, STUDY, argument, command, flag, output_folder
-from radioloc.cli.output import DONE, exit_status, finish, tell
+from radioloc.cli.command import JSON, STUDIES, STUDY, argument, command, flag, output_folder
+from radioloc.cli.output import DONE, exit_status, failure, finish, tell
+from radioloc.errors import RadiolocError
 
 ARC_HOURS = argument(
     "--hours H",
@@ -17,7 +18,7 @@ ARC_HOURS = argument(
     default=(12.0, 24.0, 48.0),
 )
 _FIT = (
-    STUDY,
+    STUDIES,
     JSON,
     *output_folder(),
     flag("--terms", "with --out, also write terms.csv: contribution of each term"),
@@ -28,16 +29,15 @@ _FIT = (
     "locate",
     *_FIT,
     argument("--sinex FILE", "write the position with its covariance in SINEX 2.02", Path),
-    examples=("study.toml", "study.toml --out results --terms", "study.toml --json"),
+    examples=("study.toml", "study.toml --out results --terms", "a.toml b.toml --out results --quiet"),
 )
 def locate(options: argparse.Namespace) -> int:
     """Fit a position, or an orbit, to tracking data and print a result card."""
-    solution = _solution(options, fitted=True)
-    if options.sinex is not None:  # after the card, which says why a solution has none
-        from radioloc.io.sinex import write_sinex
-
-        write_sinex(options.sinex, solution)
-    return exit_status(options, solution)
+    if options.sinex is not None and len(options.studies) > 1:
+        options.parser.error(
+            "--sinex takes one study, got several; convert their solutions with radioloc export"
+        )
+    return _fit(options, fitted=True)
 
 
 @command(
@@ -47,19 +47,47 @@ def locate(options: argparse.Namespace) -> int:
 )
 def residuals(options: argparse.Namespace) -> int:
     """Print observed minus computed at the study's position; nothing is fitted."""
-    _solution(options, fitted=False)
-    return DONE
+    return _fit(options, fitted=False)
 
 
-def _solution(options: argparse.Namespace, *, fitted: bool) -> radioloc.Solution:
-    """Fit a study, write its files and print its card; return the solution."""
+def _fit(options: argparse.Namespace, *, fitted: bool) -> int:
+    """Fit studies one after another, even if one fails, and print their cards; return the highest exit status."""
+    if options.terms and options.out is None:
+        options.parser.error("--terms needs --out DIR, where to write terms.csv")
+    statuses, contents, several = [], [], len(options.studies) > 1
+    if len({path.stem for path in options.studies}) < len(options.studies):
+        options.parser.error("expected study files of different names; rename one")
+    for path in options.studies:
+        out = options.out / path.stem if several and options.out else options.out
+        single = argparse.Namespace(**vars(options) | {"out": out})
+        try:
+            solution = _solution(single, path, fitted=fitted)
+        except RadiolocError as error:
+            if not several:
+                raise
+            statuses.append(failure(error, f"{path.stem}: "))
+            continue
+        if options.json:
+            contents.append(solution.to_dict())
+        else:
+            tell(single, f"\n{solution}" if statuses else solution)
+        if fitted and options.sinex is not None:  # after the card, which says why a solution has none
+            from radioloc.io.sinex import write_sinex
+
+            write_sinex(options.sinex, solution)
+        statuses.append(exit_status(single, solution) if fitted else DONE)
+    if options.json:
+        tell(options, "", lambda: contents if several else contents[0])
+    return max(statuses)
+
+
+def _solution(options: argparse.Namespace, path: Path, *, fitted: bool) -> radioloc.Solution:
+    """Fit a study and write its files."""
     from radioloc.jobs.locate import fit_arc
     from radioloc.jobs.preparation import prepared_arc
     from radioloc.study.study import TerrainPrior
 
-    if options.terms and options.out is None:
-        options.parser.error("--terms needs --out DIR, where to write terms.csv")
-    study = radioloc.read_study(options.study)
+    study = radioloc.read_study(path)
     predictor, left_out = prepared_arc(study)
     solution = fit_arc(study, predictor, left_out, study.estimate if fitted else None)
     if options.out is not None:
@@ -67,7 +95,6 @@ def _solution(options: argparse.Namespace, *, fitted: bool) -> radioloc.Solution
         dem = prior.terrain if fitted and isinstance(prior, TerrainPrior) else None
         terms = predictor if options.terms else None
         radioloc.write_report(options.out, solution, terms, html=options.report, dem=dem)
-    tell(options, solution, solution.to_dict)
     return solution
 
 

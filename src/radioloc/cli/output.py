@@ -14,7 +14,15 @@ from io import TextIOWrapper
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO, cast
 
-from radioloc.errors import InputError, PredictedEopWarning, RadiolocError, RadiolocWarning, legible, visible
+from radioloc.errors import (
+    ConvergenceError,
+    InputError,
+    PredictedEopWarning,
+    RadiolocError,
+    RadiolocWarning,
+    legible,
+    visible,
+)
 from radioloc.progress import erase_status
 
 if TYPE_CHECKING:
@@ -117,6 +125,12 @@ def complain(message: str) -> None:
     """Print a problem in one line on standard error."""
     erase_status()
     print(f"radioloc: {' '.join(legible(message).split())}", file=sys.stderr)
+
+
+def failure(error: RadiolocError, where: str = "") -> int:
+    """Print an error in one line on standard error and return its exit status."""
+    complain(f"{where}{error}")
+    return NOT_CONVERGED if isinstance(error, ConvergenceError) else BAD_INPUT
 
 
 @contextmanager

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import radioloc
-from radioloc.cli.command import JSON, SIMULATED_STUDY, STUDY, argument, command, flag, output_folder
+from radioloc.cli.command import JSON, SIMULATED_STUDY, STUDIES, STUDY, argument, command, flag, output_folder
 from radioloc.cli.files import MESSAGE, observation_file
 from radioloc.cli.fitting import ARC_HOURS
 from radioloc.cli.output import DONE, INTERRUPTED, complain, exit_status, finish, tell
@@ -200,7 +200,7 @@ def _resumable(options: argparse.Namespace, run: Callable[..., Result], trials: 
 
 @command(
     "covariance",
-    argument("studies STUDY.toml", "study files, each with a plan or data", Path, nargs="+"),
+    STUDIES,
     JSON,
     argument(
         "--hours H",

@@ -345,6 +345,17 @@ class StationCatalogue:
         stations = tuple(station for station in self if network and network in station.complex)
         return stations or (self.get(name),)
 
+    def antenna_notes(self, names: Iterable[str]) -> list[str]:
+        """Return a sentence for each complex with more than two antennas among some stations."""
+        of_complex: dict[str, list[str]] = {}
+        for station in dict.fromkeys(self.get(name) for name in names):
+            of_complex.setdefault(station.complex, []).append(station.name)
+        return [
+            f"each of {len(antennas)} antennas takes part: {', '.join(antennas)} of {name}"
+            for name, antennas in of_complex.items()
+            if len(antennas) > 2 and name.endswith("Complex")
+        ]
+
     def find(self, text: str) -> tuple[Station, ...]:
         """Return the stations of a network (:data:`NETWORKS`), or with a text in name, alias, complex or country.
 

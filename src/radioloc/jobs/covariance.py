@@ -205,6 +205,7 @@ def _scheduled(
         f"[simulation.noise.{kind}] is not given: white noise of the sessions' sigma_m"
         for kind in scenario.noise.unstated(predictor.observations)
     ]
+    notes += study.catalogue.antenna_notes(predictor.stations)
     if predictor.predicted_eop.any() and study.consider_defaults and "ut1" not in study.consider:
         notes.append(
             "once this is tracked, Earth orientation will have been measured: "

@@ -7,7 +7,6 @@ opposite sign. The bending of light by the Sun is below 0.001 arcseconds for suc
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -96,7 +95,7 @@ WAYS = {name: form for name, (form, _) in LINKS.items() if form in _KINDS_BY_FOR
 """Forms of path by the choices of `links`."""
 _COUNT_S = 2.0
 _X_BAND_HZ = 8.4e9
-_MAX_RADIO_HZ = 3e11
+_RADIO_HZ = (1e6, 3e11)
 
 
 @accepts_quantities
@@ -146,7 +145,12 @@ def visibility(
     ]
     by_station = {name: masks.for_station(name) for name in names}
     targets = tuple(scene.motions) if several else ()
-    return Passes(scene.name, first, last, by_station, masks.target_deg, tuple(passes), targets)
+    notes = model.catalogue.antenna_notes(names)
+    if not all(isinstance(target, AnyTrajectory) for target in scene.positions.values()):
+        notes.append(
+            "the target's horizon is that of a sphere, without terrain: state its mask, [simulation] target_mask_deg"
+        )
+    return Passes(scene.name, first, last, by_station, masks.target_deg, tuple(passes), targets, tuple(notes))
 
 
 @dataclass(frozen=True, slots=True)
@@ -304,8 +308,8 @@ def light_times(
     if links not in WAYS:
         raise InputError(f"links: expected one of {', '.join(WAYS)}, got {links!r}")
     carrier_hz = _X_BAND_HZ if frequency_hz is None else float(frequency_hz)
-    if not (math.isfinite(carrier_hz) and 0.0 < carrier_hz < _MAX_RADIO_HZ):
-        raise InputError(f"frequency_hz: expected a radio frequency below 3e11 Hz, got {frequency_hz!r}")
+    if not _RADIO_HZ[0] <= carrier_hz <= _RADIO_HZ[1]:
+        raise InputError(f"frequency_hz (--frequency): expected 1e6 to 3e11 Hz, got {frequency_hz!r}")
     kind, counted = _KINDS_BY_FORM[WAYS[links]]
     scene = build_scene(study, stations, start_utc, stop_utc, mask_deg)
     pairs = LINKS[links][1](*dict.fromkeys(scene.stations))
@@ -339,6 +343,7 @@ def light_times(
         Labels(rows.link, tuple(link.path for link in rows.links)),
         columns,
         Labels.from_texts(np.concatenate([sentences for _, _, sentences in parts])),
+        tuple(scene.model.catalogue.antenna_notes(scene.stations)),
     )
 
 

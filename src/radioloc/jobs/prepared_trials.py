@@ -97,7 +97,7 @@ class Prepared:
                 values=values[:, rows][..., columns],
                 drawn=self.world.drawn_keys,
                 at_h=at_h,
-                notes=tuple(self.world.scenario.noise.notes(self.world.plan.observations)),
+                notes=self.world.notes,
                 **fields,
             )
             results.append(result)

@@ -59,6 +59,7 @@ class LightTimes(Result):
     path: Labels  #: paths such as ``KASHI>lander>JIAMUSI`` or, one way, ``lander>KASHI``
     columns: dict[str, NDArray[np.float64]]  #: by name, (n,)
     status: Labels  #: empty, or the omitted part of the model, such as the troposphere below 3 degrees
+    notes: tuple[str, ...] = ()  #: antennas of one complex
 
     def __len__(self) -> int:
         return len(self.epoch)
@@ -113,6 +114,7 @@ class LightTimes(Result):
                 Field("rows", [count + unseen]),
                 *self._tables("signal", _SIGNAL, "light times in TDB; rate of the range"),
                 *self._tables("pointing", _POINTING, pointing),
+                Field("notes", self.notes),
             ]
         )
 
@@ -159,6 +161,7 @@ class Passes(Result):
     target_mask_deg: float  # lowest elevation of the stations at the target
     passes: tuple[Pass, ...]  # by target and station, then in the order of time
     targets: tuple[str, ...] = ()  # names of several
+    notes: tuple[str, ...] = ()  # antennas of one complex, and the horizon of a point
 
     def to_dict(self) -> dict[str, Any]:
         """Return all fields in types that JSON has."""
@@ -181,6 +184,7 @@ class Passes(Result):
                     "passes", [plural(len(self.passes), "pass", "es")], heading, map(_pass_cells, self.passes)
                 ),
                 Field("never seen", self._unseen()),
+                Field("notes", self.notes),
             ]
         )
 

@@ -55,6 +55,7 @@ class Simulated:
     drawn_m: Floats  #: their effects
     noise_m: Floats
     is_outlier: NDArray[np.bool_]
+    notes: tuple[str, ...] = ()  #: types without noise, and complexes of which all antennas take part
 
     @property
     def target_pa_m(self) -> Floats:
@@ -80,7 +81,7 @@ class Simulated:
             self.observations.summary(),
             *(line for target in self.targets for line in _described(target, len(self.targets) > 1)),
             f"seed {self.seed}, {int(self.is_outlier.sum())} outlier(s)",
-            *self.noise.notes(self.observations),
+            *self.notes,
             *(f"drawn {name}: {error:.4g}" for name, error in self.drawn.items()),
         ]
         return "\n".join(lines)
@@ -97,6 +98,7 @@ class World:
     added_m: dict[str, Floats]
     errors: dict[str, float]  #: errors of the truth by parameter, such as "range_bias.KASHI"
     drawn: DrawnErrors  #: errors of the trials of a Monte Carlo study
+    notes: tuple[str, ...] = ()  #: as in Simulated
 
     def __repr__(self) -> str:
         return f"<World {len(self.plan.observations)} observations of {self.scenario.name}>"
@@ -146,6 +148,7 @@ class World:
             drawn_m=drawn_m,
             noise_m=noise_m,
             is_outlier=is_outlier,
+            notes=self.notes,
         )
 
 
@@ -237,7 +240,10 @@ class Scenario:
         ]
         if effects_m:
             drawn = drawn.with_gravity(np.sum(effects_m, axis=0))
-        return World(self, plan, targets, prediction.value_m, added_m, errors, drawn)
+        stations = (name for link in plan.observations.links for name in link.stations)
+        antennas = model.catalogue.antenna_notes(stations)
+        notes = (*self.noise.notes(plan.observations), *antennas)
+        return World(self, plan, targets, prediction.value_m, added_m, errors, drawn, notes)
 
     def _target(self, name: str, record: TargetRecord, model: PhysicalModel) -> TrueTarget:
         """Return a target at its true position, or on its true trajectory, with the drawn errors of gravity."""

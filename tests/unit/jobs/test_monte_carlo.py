@@ -369,10 +369,11 @@ def test_the_summary_is_that_of_the_trials(trial_study):
 
 
 def test_types_without_noise_are_named(ready, trial_study):
-    scenario = replace(ready.world.scenario, noise=NoiseModel({"range": Noise(white_m=1.0)}))
-    silent = replace(ready, world=replace(ready.world, scenario=scenario))
+    notes = tuple(NoiseModel({"range": Noise(white_m=1.0)}).notes(ready.world.plan.observations))
+    assert notes == ("[simulation.noise.vlbi_delay] is not given: values without noise",)
+    silent = replace(ready, world=replace(ready.world, notes=notes))
     [result] = silent.results(trial_study.values, seed=5, linear=True, linearity=None)
-    assert result.notes == ("[simulation.noise.vlbi_delay] is not given: values without noise",)
+    assert result.notes == notes
     assert "[simulation.noise.vlbi_delay]" in str(result)
     assert not trial_study.notes
 

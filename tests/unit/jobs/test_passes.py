@@ -65,6 +65,17 @@ def test_of_data_the_stations_and_the_span_are_those_of_the_observations():
     assert not result.passes[0].rises
 
 
+def test_antennas_of_a_complex_and_the_missing_terrain_are_noted(plan):
+    result = visibility(plan, ["GOLDSTONE", "KASHI"], stop_utc="2020-12-01T16:11:00")
+    antennas, horizon = result.notes
+    assert "DSS-13, DSS-14, DSS-15" in antennas
+    assert "target_mask_deg" in horizon
+    assert "KASHI" not in antennas
+    assert antennas in " ".join(str(result).split())
+    catalogue = radioloc.earth.StationCatalogue.default()
+    assert catalogue.antenna_notes(["DSS-24", "DSS-25", "KASHI", "JIAMUSI", "NEUQUEN"]) == []
+
+
 def test_what_cannot_be_searched(plan):
     with pytest.raises(StationError, match="NOPE"):
         visibility(plan, ["NOPE"])

@@ -13,9 +13,13 @@ threshold t counts standard deviations. All observations beyond their limits are
 2. All observations within the limit are used, whether they were used before or not, and the others are rejected.
 3. The parameters are estimated; steps 2 and 3 are repeated until the set of used observations stays the same.
 
-No observation is rejected if more than 30 % would be: the model, a station or the sigmas are then wrong.
+No observation is rejected if more than 30 % would be: the model, a station or the sigmas are then wrong. Links of which
+nearly all observations are outliers do not count if they have less than half of the observations, which is the largest
+fraction of errors that an estimate withstands (Rousseeuw and Leroy 1987): a fit to a station clock that is 1 ms off
+ends thousands of kilometres away.
 
-References: Baarda (1968), A testing procedure for use in geodetic networks; Belsley, Kuh and Welsch (1980), chapter 2.
+References: Baarda (1968), A testing procedure for use in geodetic networks; Belsley, Kuh and Welsch (1980), chapter 2;
+Rousseeuw and Leroy (1987), Robust regression and outlier detection, section 1.2.
 """
 
 from __future__ import annotations
@@ -117,11 +121,12 @@ def fit_with_editing(
     threshold: float | None = THRESHOLD,
     previous: EditedFit | None = None,
     start: Floats | None = None,
+    series: NDArray[np.intp] | None = None,
 ) -> EditedFit:
     """Estimate parameters and reject outliers until the set of used observations stays the same.
 
     `status` (n,) gives the reasons why observations are not usable, `threshold` is in sigmas (None rejects nothing),
-    and `previous` is a fit whose residuals replace the robust estimate.
+    `previous` is a fit whose residuals replace the robust estimate, and `series` (n,) are indices of links.
     """
     if threshold is not None and not threshold >= _MIN_THRESHOLD:
         raise InputError(f"threshold: expected {_MIN_THRESHOLD:g} sigmas or more, got {threshold}")
@@ -133,7 +138,7 @@ def fit_with_editing(
     n = len(linearization.residual_m)
     noise = ObservationCovariance.from_sigma(sigma_m, n)
     initial_status = _initial_labels(status, n)
-    editor = _Editor(residual_function, parameters, noise, initial_status.are(USED))
+    editor = _Editor(residual_function, parameters, noise, initial_status.are(USED), series)
     if threshold is None or editor.max_rejected < 1:
         result = editor.fit(editor.usable, x, linearization)
         return EditedFit(result, initial_status, editor.spread(result.residual_m))
@@ -226,6 +231,7 @@ class _Editor:
     parameters: ParameterSet
     noise: ObservationCovariance
     usable: NDArray[np.bool_]  # (n,), mask of the observations that may be used
+    series: NDArray[np.intp] | None  # (n,), indices of links
 
     @property
     def free_count(self) -> int:
@@ -234,9 +240,22 @@ class _Editor:
 
     @property
     def max_rejected(self) -> int:
-        """Largest number of outliers; they are detectable only if the other observations are redundant."""
-        usable_count = int(self.usable.sum())
-        return min(int(_MAX_REJECTED_FRACTION * usable_count), usable_count - self.free_count - 1)
+        """Largest number of outliers."""
+        return self.max_outliers(int(self.usable.sum()))
+
+    def max_outliers(self, count: int) -> int:
+        """Largest number of outliers among observations; they are detectable only if the others are redundant."""
+        return min(int(_MAX_REJECTED_FRACTION * count), count - self.free_count - 1)
+
+    def are_of_wrong_series(self, outliers: NDArray[np.bool_]) -> bool:
+        """Return whether outliers (n,) are tolerable without the series that are outliers as a whole, a minority."""
+        if self.series is None:
+            return False
+        outlier_count, count = (np.bincount(self.series, rows) for rows in (outliers, self.usable))
+        is_right = count - outlier_count > _MAX_REJECTED_FRACTION * count
+        right_count = int(count[is_right].sum())
+        is_majority = 2 * right_count > count.sum()
+        return bool(is_majority and outlier_count[is_right].sum() <= self.max_outliers(right_count))
 
     def fit(self, used: NDArray[np.bool_], x: Floats, linearization: Linearization) -> FitResult:
         """Estimate the parameters from the used observations."""
@@ -257,7 +276,8 @@ class _Editor:
         """Use all observations if too many are outliers, and end the editing after the last pass."""
         usable_count = int(self.usable.sum())
         rejected_count = usable_count - int(selection.used.sum())
-        if rejected_count > self.max_rejected:
+        has_excess = rejected_count > self.max_rejected
+        if has_excess and not self.are_of_wrong_series(self.usable & ~selection.used):
             message = (
                 f"{rejected_count} of {usable_count} observations exceed {threshold:g} sigmas, more than the limit of "
                 f"{self.max_rejected}, so none is rejected: check stations, sigmas and model"

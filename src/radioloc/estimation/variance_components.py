@@ -53,11 +53,12 @@ def fit_with_variance_components(
     ranges, of stated millimetres, determine the estimate, and errors of the model of centimetres exceed the sigmas
     tenfold (`tests/statistics/test_variance_components.py`).
     """
+    series = None if order is None else order.code
     edited = fit_with_editing(
-        residual_function, parameters, sigma_m, status=status, threshold=threshold, start=start
+        residual_function, parameters, sigma_m, status=status, threshold=threshold, start=start, series=series
     )
     problem = _Problem(
-        residual_function, parameters, edited.fit.noise, edited.initial_status, threshold, start
+        residual_function, parameters, edited.fit.noise, edited.initial_status, threshold, start, series
     )
     if order is None:
         return problem.settled(edited, Labels(np.zeros(len(edited.initial_status), dtype=np.int32), ("all",)))
@@ -87,6 +88,7 @@ class _Problem:
     initial_status: Labels
     threshold: float | None
     start: Floats | None
+    series: NDArray[np.intp] | None  # (n,), indices of links
 
     def fit_with(self, added_m: Floats, previous: EditedFit | None) -> EditedFit:
         """Fit with components (n,), m, from a previous fit if that converged and its outliers were rejected."""
@@ -98,6 +100,7 @@ class _Problem:
             threshold=self.threshold,
             previous=previous if previous is not None and previous.can_continue else None,
             start=self.start,
+            series=self.series,
         )
 
     def with_shared(self, edited: EditedFit, order: SeriesOrder, groups: Labels) -> EditedFit:

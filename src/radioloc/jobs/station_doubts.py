@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.earth.stations import Station, StationCatalogue, reordered_coordinates
-from radioloc.errors import StationError
+from radioloc.errors import InputError
 from radioloc.measurements.evaluation import prepare_predictor
 from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.target_motion import Motions
@@ -56,15 +56,15 @@ def _rms_m(
     station: Station,
     itrf_m: NDArray[np.float64] | None = None,
 ) -> float:
-    """Return the rms of residuals with other coordinates of a station; infinite if it does not see the target."""
+    """Return the rms of residuals with other coordinates of a station; infinite without a model or a visible target."""
+    stations = [item for item in predictor.model.catalogue if item.name != station.name]
+    some = predictor.observations.select(rows)
     try:
         changed = station if itrf_m is None else replace(station, itrf_m=itrf_m)
-    except StationError:
+        model = replace(predictor.model, catalogue=StationCatalogue([*stations, changed]))
+        computed = prepare_predictor(model, some, motions, "exact", predictor.targets).compute()
+    except InputError:  # such as a height outside the model of the troposphere
         return np.inf
-    stations = [item for item in predictor.model.catalogue if item.name != station.name]
-    model = replace(predictor.model, catalogue=StationCatalogue([*stations, changed]))
-    some = predictor.observations.select(rows)
-    computed = prepare_predictor(model, some, motions, "exact", predictor.targets).compute()
     if not computed.usable.any():
         return np.inf
     return float(np.sqrt(np.square((some.value_m - computed.value_m)[computed.usable]).mean()))

@@ -92,20 +92,23 @@ def _receivers(series: LinkSeries) -> list[str]:
 
 
 def _rejected_stations(edited: EditedFit, order: SeriesOrder) -> Iterator[Doubt]:
-    """Doubt a type of observation of a station or baseline with many outliers."""
+    """Doubt types of observation of stations or baselines with many outliers."""
     series_count = len(order.series)
     outliers = np.bincount(order.code, edited.outliers, series_count)
     usable = np.bincount(order.code, edited.initial_status.are(USED), series_count)
     names = [f"{series.kind} observations of {'-'.join(_receivers(series))}" for series in order.series]
+    rejected = list[str]()
     for name in dict.fromkeys(names):
         codes = [code for code, series_name in enumerate(names) if series_name == name]
         count, total = int(outliers[codes].sum()), int(usable[codes].sum())
         if count >= _MIN_OUTLIER_COUNT and count > _MAX_OUTLIER_FRACTION * total:
-            yield Doubt(
-                FitStatus.MISFIT,
-                f"{count} of {total} {name} are rejected as outliers, more than {_MAX_OUTLIER_FRACTION:.0%}; correct "
-                "or exclude them, or look for a wrong station, target or sign",
-            )
+            rejected.append(f"{count} of {total} {name}")
+    if rejected:
+        yield Doubt(
+            FitStatus.MISFIT,
+            f"{', '.join(rejected)} are rejected as outliers, more than {_MAX_OUTLIER_FRACTION:.0%}; correct or "
+            "exclude them, or look for a wrong station, target or sign",
+        )
 
 
 def mark_if_unobservable(solution: Solution) -> Solution:

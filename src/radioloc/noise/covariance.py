@@ -121,16 +121,31 @@ class SharedAtEpoch:
             covariance = self.covariance_m2(distinct_blocks)
             covariance[:, np.arange(size), np.arange(size)] += white_m[distinct_blocks] ** 2
             variances, axes = np.linalg.eigh(covariance)
-            flat = np.flatnonzero(variances[:, 0] <= _MIN_VARIANCE_RATIO * variances[:, -1])
+            axes_m = np.sqrt(np.maximum(variances, 0.0))
+            graded = variances[:, 0] <= _MIN_VARIANCE_RATIO * variances[:, -1]
+            if graded.any():
+                axes[graded], axes_m[graded] = _graded_axes(covariance[graded])
+            flat = np.flatnonzero(axes_m[:, 0] == 0.0)
             if len(flat):
                 row = int(distinct_blocks[flat[0], np.argmin(white_m[distinct_blocks[flat[0]]])])
                 raise InputError(
                     f"sigma of observation {row} is {white_m[row]:g} m, too small beside the error that it shares "
                     f"with others, {np.abs(self.effect_m[row]).max():g} m; give at least a 10000th of that"
                 )
-            axes_m = np.sqrt(variances)
             roots = np.swapaxes(axes / axes_m[:, None, :], 1, 2)
             yield Blocks(block, np.cumsum(new) - 1, roots, axes_m)
+
+
+def _graded_axes(covariance_m2: Floats) -> tuple[Floats, Floats]:
+    """Principal axes (b, k, k) and sigmas (b, k), m, of blocks with sigmas that differ by orders; 0 if singular.
+
+    Eigenvalues of C resolve five orders of the sigmas, singular values of a root of C ten.
+    """
+    sigma_m = np.sqrt(np.diagonal(covariance_m2, axis1=1, axis2=2))
+    values, vectors = np.linalg.eigh(covariance_m2 / (sigma_m[:, :, None] * sigma_m[:, None, :]))
+    values[values <= _MIN_VARIANCE_RATIO] = 0.0
+    axes, axes_m, _ = np.linalg.svd(sigma_m[:, :, None] * vectors * np.sqrt(values)[:, None, :])
+    return axes[:, :, ::-1], np.where(values[:, :1] > 0.0, axes_m[:, ::-1], 0.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

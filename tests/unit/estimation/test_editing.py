@@ -181,6 +181,33 @@ def test_three_of_ten_wrong_by_station(seed, counts, hours, wrong_of):
     assert edited.converged
 
 
+@pytest.mark.parametrize("with_series", [False, True])
+def test_more_outliers_than_a_third_are_rejected_if_they_are_a_whole_series(with_series):
+    model = ToyMoon(300, 48.0, stations=("A", "B", "B", "C", "C"))
+    of_b = model.station == "B"
+    observed_m = observations(model, 1.0)
+    observed_m[of_b] += 3e5
+    series = np.searchsorted(model.biased, model.station) if with_series else None
+    parameters = model.parameters(bias_sigma_m=10.0)
+    edited = fit_with_editing(model.residual_function(observed_m), parameters, 1.0, series=series)
+    assert edited.converged == with_series
+    if with_series:
+        np.testing.assert_array_equal(edited.fit.used, ~of_b)
+        deviation = (edited.fit.x[:3] - LANDER_M) / edited.fit.sigmas[:3]
+        assert np.linalg.norm(deviation) < 4.0
+
+
+def test_series_of_half_the_observations_is_not_rejected():
+    model = ToyMoon(300, 48.0, stations=("A", "B", "B", "C"))
+    observed_m = observations(model, 1.0)
+    observed_m[model.station == "B"] += 3e5
+    series = np.searchsorted(model.biased, model.station)
+    edited = fit_with_editing(
+        model.residual_function(observed_m), model.parameters(bias_sigma_m=10.0), 1.0, series=series
+    )
+    assert edited.fit.used.all()
+
+
 def test_successive_outliers_of_a_series_are_a_run():
     model = ToyMoon(210, 72.0)
     observed_m = observations(model, 0.3)

@@ -52,3 +52,9 @@ def test_exchanged_coordinates_are_recognised(tmp_path, place, mistake):
 
 def test_coordinates_as_they_should_be_are_not_doubted(tmp_path):
     assert "[stations.OURS]" not in notes(tmp_path, f"itrf_m = [{X}, {Y}, {Z}]")
+
+
+def test_coordinates_without_a_model_are_no_candidate(tmp_path):
+    """With x and z exchanged, the height of this place is outside the model of the troposphere."""
+    x, y, z = StationCatalogue.default()["KUNMING"].itrf_m.tolist()
+    assert "[stations.OURS]" not in notes(tmp_path, f"itrf_m = [{x}, {y}, {z}]")

@@ -116,6 +116,13 @@ def test_whitening_and_its_transpose_multiply_by_the_inverse(covariance, at_once
     assert (weighted[~used] == 0.0).all()
 
 
+def test_sigmas_in_a_block_may_differ_by_seven_orders():
+    """Variance components of exchanged stations are hundreds of kilometres, beside centimetres of the others."""
+    white = White(np.where(np.arange(N) % 3 == 0, 3e5, 0.03))
+    noise = ObservationCovariance((white, shared()))
+    assert_generalized(noise.whitener(), dense(noise), np.ones(N, bool))
+
+
 def test_added_noise_is_independent(covariance):
     added_m = RANDOM.uniform(0.0, 0.5, N)
     additional = covariance.plus(White(added_m))

@@ -139,9 +139,8 @@ class Command:
 
     name: str  #: name, such as ``leave-one-out``
     summary: str  #: sentence that describes the command
-    arguments: tuple[
-        Argument, ...
-    ]  #: arguments beside ``--quiet`` and ``--verbose``, which all commands have
+    #: Arguments beside ``--quiet`` and ``--verbose``, which all commands have.
+    arguments: tuple[Argument, ...]
     #: Function of the parsed arguments that does the work and returns the exit status. Slow imports are imported
     #: inside it. The attribute ``parser`` of the arguments is the parser of the command.
     run: Callable[[argparse.Namespace], int]

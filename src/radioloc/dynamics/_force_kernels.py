@@ -262,16 +262,13 @@ def accelerations(r: Floats, v: Floats, sky: Floats, data: ForceData) -> Floats:
             to = minus(place, r)
             square_to, square_place = dot(to, to), dot(place, place)
             for i in range(3):
-                direct, indirect = (
-                    to[i] / (square_to * math.sqrt(square_to)),
-                    place[i] / (square_place * math.sqrt(square_place)),
-                )
+                direct = to[i] / (square_to * math.sqrt(square_to))
+                indirect = place[i] / (square_place * math.sqrt(square_place))
                 out[layout.EARTH + body - 1, i] = gm[body] * (direct - indirect)
     if on[layout.FIGURES]:
         add(out[layout.FIGURES], 1.0, _oblate(minus(r, earth), gm[1]))
-        add(
-            out[layout.FIGURES], 1.0, _oblate(earth, gm[1])
-        )  # less that at the Moon, whose position is -earth
+        # Less that at the Moon, whose position is -earth.
+        add(out[layout.FIGURES], 1.0, _oblate(earth, gm[1]))
         # The pull of the Earth at the Moon's figure is opposite to that of the figure at the Earth.
         add(out[layout.FIGURES], gm[1], _harmonics(earth, rotation, data))
     if on[layout.RELATIVITY]:

@@ -68,11 +68,9 @@ def half_products(
     out = np.zeros(columns.shape)
     for k in range(len(white)):
         p = first[k + 1] - first[k]
-        state, decay, half_variance = (
-            np.zeros((p, m)),
-            np.zeros(p),
-            0.5 * variance[first[k] : first[k + 1]].sum(),
-        )
+        state = np.zeros((p, m))
+        decay = np.zeros(p)
+        half_variance = 0.5 * variance[first[k] : first[k + 1]].sum()
         for i in range(begin[k], begin[k + 1]):
             if i > begin[k] and (i == begin[k] + 1 or step_s[i] != step_s[i - 1]):
                 for a in range(p):
@@ -117,12 +115,10 @@ def _update(
     p, cells = kalman.shape
     variance[:] = 1.0
     for a in range(p):
-        cross_covariance, own_decay, process_variance, own_variance = (
-            kalman[a],
-            factor[a],
-            stationary[a],
-            covariance[a, a],
-        )
+        cross_covariance = kalman[a]
+        own_decay = factor[a]
+        process_variance = stationary[a]
+        own_variance = covariance[a, a]
         cross_covariance[:] = 0.0
         for b in range(p):
             element, decay = covariance[a, b], factor[b]

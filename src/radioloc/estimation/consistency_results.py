@@ -144,9 +144,8 @@ class Consistency:
     """Results of the consistency tests of a fit."""
 
     groups: tuple[ConsistencyTest, ...] = ()  # tests of all groups, significant or not
-    findings: tuple[
-        ConsistencyTest, ...
-    ] = ()  # significant tests, each with the preceding ones as parameters
+    # Significant tests, each with the preceding ones as parameters.
+    findings: tuple[ConsistencyTest, ...] = ()
     adapted: AdaptedEstimate | None = None  # estimate with the findings as parameters; None without findings
     reliability: tuple[Reliability, ...] = ()  # of all hypotheses on errors that last for the whole arc
 

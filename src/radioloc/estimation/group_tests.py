@@ -211,10 +211,8 @@ class BinnedProblem:
         rows, index = np.unique(place, return_inverse=True)
         values = np.zeros((len(rows), self.values.shape[1] - 1))
         np.add.at(values, index, self.values[indices, 1:])
-        series, squares = (
-            np.searchsorted(self.points.begin, rows, side="right") - 1,
-            np.zeros(values.shape[1]),
-        )
+        series = np.searchsorted(self.points.begin, rows, side="right") - 1
+        squares = np.zeros(values.shape[1])
         for k in np.unique(series).tolist():
             of_series = series == k
             root = self.roots[k][:, rows[of_series] - self.points.begin[k]]

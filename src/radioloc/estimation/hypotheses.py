@@ -120,11 +120,9 @@ class Hypotheses:
 
         Runs of outliers that are most of a series may be right, and are observations of the problem.
         """
-        fit, used, readmitted = (
-            edited.fit,
-            edited.fit.used.copy(),
-            tuple(_majority_runs(edited, order, runs)),
-        )
+        fit = edited.fit
+        used = edited.fit.used.copy()
+        readmitted = tuple(_majority_runs(edited, order, runs))
         for rows in readmitted:
             used[rows] = True
         if not fit.converged or fit.dof < 1 or not (fit.parameters.free.any() and fit.used.any()):

@@ -110,9 +110,8 @@ class InformationFilter:
         columns_covariance = np.zeros((c + 1, c + 1))
         columns_covariance[:c, :c] = covariance
         epoch_covariance = gain @ columns_covariance @ gain.T + epoch_root @ epoch_root.T
-        increment = (
-            np.hstack([np.eye(s), -m * np.eye(s)]) / growth
-        )  # increments w of the process in both directions
+        # Increments w of the process in both directions.
+        increment = np.hstack([np.eye(s), -m * np.eye(s)]) / growth
         absorbed = (
             2 * s - np.trace(increment @ epoch_covariance @ increment.T) - np.trace(epoch_covariance[s:, s:])
         )

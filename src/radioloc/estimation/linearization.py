@@ -257,10 +257,8 @@ def factorize(
         triangle = reduced(triangle, rows)
     else:
         # The triangle carries over from part to part, so no copy of all whitened rows need be made
-        parts, free_elements = (
-            list[Floats](),
-            _KEPT_ELEMENTS if smooth_partials(linearization) is None else -1,
-        )
+        parts = list[Floats]()
+        free_elements = _KEPT_ELEMENTS if smooth_partials(linearization) is None else -1
         for whitened in _whitened_rows(linearization, whitening, free) if q else ():
             free_elements -= len(whitened) * (q + 1)
             if free_elements < 0:

@@ -418,10 +418,8 @@ def _likeliest(matrices: Floats, squares: Floats, fillers: Floats, dof: Floats) 
     for _ in range(_MAX_STEPS):
         root = np.linalg.inv(np.linalg.cholesky(fillers + np.tensordot(components, matrices, 1)))
         transposed = np.swapaxes(root, 1, 2)
-        weighted_matrices, weighted_squares = (
-            scale * (root @ matrices @ transposed),
-            root @ squares @ transposed / scale,
-        )
+        weighted_matrices = scale * (root @ matrices @ transposed)
+        weighted_squares = root @ squares @ transposed / scale
         previous = components
         components, _ = nnls(weighted_matrices.reshape(len(matrices), -1).T, weighted_squares.ravel())
         components[0] = max(

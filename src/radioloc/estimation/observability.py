@@ -28,15 +28,9 @@ from radioloc.vectors import Floats
 WEAK_FACTOR = 100.0
 """Sigma of a weak combination over the median observation sigma: errors of the model, centimetres, become metres."""
 
-STRONG_CORRELATION = (
-    0.95  # bound of listed correlations: two parameters share more than 90 % of their variance
-)
-MIN_SIGMA_RATIO = (
-    0.7  # smallest ratio of the sigma of a common part to its a-priori sigma: the data improve it little
-)
-_MIN_POSITION_FRACTION = (
-    0.3  # smallest shift of the position by one sigma of a common part, in its own sigmas
-)
+STRONG_CORRELATION = 0.95  # bound of listed correlations: more than 90 % of the variance is common
+MIN_SIGMA_RATIO = 0.7  # least ratio of the sigma of a common part to its prior: the data improve it little
+_MIN_POSITION_FRACTION = 0.3  # least shift of the position by one sigma of a common part, in its own sigmas
 _MIN_WEIGHT = 0.05  # smallest component of a direction in its text
 
 
@@ -115,12 +109,10 @@ class Observability:
     undetermined: tuple[Direction, ...]  #: combinations without information
     weak: tuple[Direction, ...]  #: poorly determined combinations (:data:`WEAK_FACTOR`), the worst first
     correlations: tuple[Correlation, ...]  #: pairs above :data:`STRONG_CORRELATION`, the strongest first
-    observation_sigma_m: (
-        float  #: median stated sigma of used observations other than counts, m; 0 without any
-    )
-    common: tuple[
-        CommonPart, ...
-    ]  #: kinds of parameters whose differences are determined, and whose mean is not
+    #: Median stated sigma of used observations other than counts, m; 0 without any.
+    observation_sigma_m: float
+    #: Kinds of parameters whose differences are determined, and whose mean is not.
+    common: tuple[CommonPart, ...]
 
     @property
     def condition_number(self) -> float:

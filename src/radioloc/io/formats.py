@@ -14,11 +14,7 @@ import numpy as np
 from radioloc.earth.stations import StationCatalogue
 from radioloc.errors import FileFormatError, InputError
 from radioloc.io.crd import read_crd
-from radioloc.io.frequencies import (
-    FrequencyAgreement,
-    looks_like_strf,
-    read_strf,
-)
+from radioloc.io.frequencies import FrequencyAgreement, looks_like_strf, read_strf
 from radioloc.io.mini import read_mini
 from radioloc.io.odf import looks_like_odf, read_odf
 from radioloc.io.table import (

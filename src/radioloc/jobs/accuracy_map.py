@@ -44,12 +44,9 @@ from radioloc.targets.design import ObservationModel
 from radioloc.targets.doubts import MIN_EARTH_ELEVATION_DEG
 from radioloc.vectors import Floats
 
-_MASK_MARGIN_DEG = (
-    0.7  # largest difference of a station's elevations of two points on the Moon, 0.55 deg at perigee
-)
-_MAX_EXTRAPOLATION_S = (
-    0.02  # of straight motions: 12 ms of light time between the middle and the limb of the disc; then 7 um
-)
+_MASK_MARGIN_DEG = 0.7  # largest difference of elevations of two points on the Moon, 0.55 deg at perigee
+# Of straight motions: 12 ms of light time between the middle and the limb of the disc; then 7 um.
+_MAX_EXTRAPOLATION_S = 0.02
 _MAX_CHUNK_SITES = 10  # which take a tenth of a second
 _COLUMNS = ("count", "refused", "sigma_east_m", "sigma_north_m", "sigma_up_m", "radius_95_m", "span_h")
 _NOT_VISIBLE = (0, 0, *(math.inf,) * 4, 0.0)

@@ -22,12 +22,7 @@ from radioloc.jobs.notes import planning_notes
 from radioloc.jobs.one_thread import on_one_blas_thread
 from radioloc.jobs.planned_fit import PlannedFit
 from radioloc.jobs.preparation import build_model, planned_arc, prepared_arc, usability
-from radioloc.jobs.problem import (
-    ArcPart,
-    EstimationProblem,
-    arc_parts,
-    require_position_or_orbit,
-)
+from radioloc.jobs.problem import ArcPart, EstimationProblem, arc_parts, require_position_or_orbit
 from radioloc.jobs.selection import arc_lengths
 from radioloc.jobs.simulate import antenna_targets, planned_orbits, with_true_positions
 from radioloc.labels import USED

@@ -119,10 +119,8 @@ def axes_mistakes(
         )
         log_p_value = chi2_log_p_value(stated, 3)
         if log_p_value < math.log(SIGNIFICANCE_LEVEL) <= chi2_log_p_value(turned, 3):
-            text, log10_p_value = (
-                f"the coordinates of the {name} are in {axes} axes",
-                log_p_value / math.log(10.0),
-            )
+            text = f"the coordinates of the {name} are in {axes} axes"
+            log10_p_value = log_p_value / math.log(10.0)
             yield ConsistencyTest("mistake", text, turned, 3, log10_p_value, next_chi2_ratio=stated / turned)
 
 
@@ -273,9 +271,8 @@ class _Predictions:
         if is_mixed and corrected_model.parameters.names != model.parameters.names:
             return squares
         x = corrected_model.parameters.prior_values.copy()
-        for k in (
-            model.orbit_indices if mistake is None else ()
-        ):  # the estimate may be far from the a-priori orbit
+        # The estimate may be far from the a-priori orbit.
+        for k in model.orbit_indices if mistake is None else ():
             x[model.columns_of(k)] = self.x[self.problem.model.columns_of(k)]
         for iteration in range(iterations):
             try:

@@ -148,10 +148,8 @@ def _radio_stations(predictor: Predictor) -> list[Station]:
     """Return the stations with radio signals, whatever their kind in the catalogue."""
     stations = []
     for i, name in enumerate(predictor.stations):
-        station, rows = (
-            predictor.model.catalogue.get(name),
-            (predictor.transmitters == i) | (predictor.receivers == i),
-        )
+        station = predictor.model.catalogue.get(name)
+        rows = (predictor.transmitters == i) | (predictor.receivers == i)
         if is_radio(predictor.observations.wavelength_um[rows], [station], np.array(0)).any():
             stations.append(station)
     return stations

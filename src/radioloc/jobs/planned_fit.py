@@ -14,13 +14,7 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
 from radioloc.errors import InputError
-from radioloc.estimation.consider import (
-    Consider,
-    ConsideredErrors,
-    error_budget,
-    prior_effects,
-    sensitivity,
-)
+from radioloc.estimation.consider import Consider, ConsideredErrors, error_budget, prior_effects, sensitivity
 from radioloc.estimation.least_squares import FitResult
 from radioloc.estimation.linearization import Linearization, covariance_matrix, factorize
 from radioloc.estimation.observability import assess_observability

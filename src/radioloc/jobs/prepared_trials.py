@@ -238,9 +238,7 @@ class Prepared:
         x = true_parameters(problem, self.targets)
         rows = np.arange(len(part.rows))
         partials = model.linearize(x).partials(rows)
-        effects = (
-            partials[:, count:] * model.parameters.prior_sigmas[count:]
-        )  # of considered errors of one sigma
+        effects = partials[:, count:] * model.parameters.prior_sigmas[count:]  # of one sigma of each error
         held_m = partials[:, model.first :] @ x[model.first :]
         reported = ParameterSet(model.parameters.parameters[:count])
         by_reported = linear_problem(partials[:, :count], reported, x[:count], noise, usable)

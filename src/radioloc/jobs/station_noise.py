@@ -101,10 +101,8 @@ def noise_of(study: Study, predictor: Predictor) -> ObservationCovariance:
 def stated_noise(predictor: Predictor, choice: ObservationChoice) -> ObservationCovariance:
     """Covariance of an arc's observations: stated sigmas, additions of the study, shared errors."""
     terms: list[NoiseTerm] = []
-    n, source = (
-        len(predictor.transmitters),
-        np.stack([predictor.transmitters, predictor.receivers], axis=-1).astype(np.intp),
-    )
+    n = len(predictor.transmitters)
+    source = np.stack([predictor.transmitters, predictor.receivers], axis=-1).astype(np.intp)
     for kind, key in ((VLBI_DELAY, "vlbi_station_sigma_m"), (VLBI_DELAY_RATE, "vlbi_station_rate_sigma_m")):
         rows = np.flatnonzero(predictor.observations.kind == kind)
         ends_m = _ends_m(predictor, key, getattr(choice, key), rows)
@@ -126,10 +124,8 @@ def _phase_noise(predictor: Predictor, choice: ObservationChoice) -> Iterator[Do
     """Noise of the phase that Doppler is counted of, which contiguous counts of a link share; none where not stated."""
     observations = predictor.observations
     rows = np.flatnonzero(np.isin(observations.kind, [DOPPLER, kind_of("one_way_doppler")]))
-    n, phase_m = (
-        len(observations.kind),
-        _ends_m(predictor, "doppler_phase_sigma_m", choice.doppler_phase_sigma_m, rows)[:, 1],
-    )
+    n = len(observations.kind)
+    phase_m = _ends_m(predictor, "doppler_phase_sigma_m", choice.doppler_phase_sigma_m, rows)[:, 1]
     rows, phase_m = rows[phase_m > 0.0], phase_m[phase_m > 0.0]
     if not len(rows):
         return

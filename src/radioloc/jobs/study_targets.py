@@ -23,13 +23,7 @@ from radioloc.targets.descent import Descent, Ground, touchdown_parameters
 from radioloc.targets.known_trajectory import KnownTrajectory
 from radioloc.targets.orbit import GravityErrors, TargetOrbit, orbit_parameters
 from radioloc.targets.position_prior import PositionPrior, with_position_priors
-from radioloc.targets.surface_point import (
-    PositionParameters,
-    SurfacePoint,
-    cartesian,
-    on_sphere,
-    on_terrain,
-)
+from radioloc.targets.surface_point import PositionParameters, SurfacePoint, cartesian, on_sphere, on_terrain
 from radioloc.targets.target import Target
 
 

@@ -41,9 +41,7 @@ _WEATHER = ("pressure_hpa", "temperature_k", "relative_humidity")
 SAFETY_FACTOR = 4.0  # between tolerances and deviations at the check points
 VALUE_TOLERANCE_M = 0.9e-4  # of values: 0.3 ps of delay
 PARTIAL_TOLERANCE = 1e-6  # of partials, relative to the largest in the segment; of elevations, rad
-MAX_COEFFICIENTS = (
-    4 * math.ceil(DEGREE_BY_LENGTH_S[-1][1] / 4) + 1
-)  # evaluated in groups of four after the first
+MAX_COEFFICIENTS = 4 * math.ceil(DEGREE_BY_LENGTH_S[-1][1] / 4) + 1  # in groups of four after the first
 _ROUNDING = {
     "by_position_pa": 2e-12,
     "by_time_m_s": 1e-6,
@@ -56,9 +54,8 @@ _ROUNDING = {
 """Rounding errors of the partials, a lower limit of tolerances."""
 _MAX_POSITION_TOLERANCE = 1e-9  # of a partial by position, m/m: 0.01 mm of the value over 10 km
 _NEGLIGIBLE_FRACTION = 1e-3  # of the tolerance: sum of the last coefficients that are dropped
-_MIN_MARGIN_RAD = np.radians(
-    0.05
-)  # to limits of elevation; smaller ones may be crossed between nodes or 10 km away
+# To limits of elevation; smaller margins may be crossed between nodes or 10 km away.
+_MIN_MARGIN_RAD = np.radians(0.05)
 _EARTH_ROTATION_RAD_S = 7.3e-5
 
 

@@ -70,9 +70,8 @@ class PreparedPaths(Predictor):
     ) -> None:
         super().__init__(model, observations, motions, targets, more_partials)
         self._limits: dict[int, Epochs] = {}  # first and last instant of interest of each spacecraft, TDB
-        self._current_motions = self._restricted_motions = (
-            self.motions
-        )  # as given, and restricted to the limits
+        # As given, and restricted to the limits.
+        self._current_motions = self._restricted_motions = self.motions
         self._clock_epochs = [
             clock_epoch or clock_epoch_of(self._observations_of(rows), trajectory)
             for trajectory, rows in self._groups()

@@ -8,12 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from radioloc.errors import InputError
 from radioloc.plugins import Registry
-from radioloc.report.error_figures import (
-    plot_budget,
-    plot_correlations,
-    plot_covariance,
-    plot_trials,
-)
+from radioloc.report.error_figures import plot_budget, plot_correlations, plot_covariance, plot_trials
 from radioloc.report.figures import NothingToDrawError
 from radioloc.report.map_figures import plot_accuracy_map, plot_map
 from radioloc.report.position_figures import plot_arcs, plot_comparison, plot_position

@@ -16,11 +16,8 @@ from radioloc.results.cards import Card, Field, metres
 from radioloc.results.result import Content, Raster, Result, Table
 from radioloc.vectors import Floats
 
-_RANKS = {
-    "best": 1.0,
-    "median": 0.5,
-    "worst": 0.0,
-}  # fraction of the determined sites that a site is better than
+# Fraction of the determined sites that a site is better than.
+_RANKS = {"best": 1.0, "median": 0.5, "worst": 0.0}
 _SIGMAS = ("sigma_east_m", "sigma_north_m", "sigma_up_m")
 
 
@@ -106,10 +103,8 @@ class AccuracyMap(Result):
             "accuracy_map.csv": Table(table, dict.fromkeys(places | finite, 4)),
         }
         if find_spec("rasterio"):
-            west, north = (
-                self.longitude_deg[0] - 0.5 * self.step_deg,
-                self.latitude_deg[0] + 0.5 * self.step_deg,
-            )
+            west = self.longitude_deg[0] - 0.5 * self.step_deg
+            north = self.latitude_deg[0] + 0.5 * self.step_deg
             contents["accuracy_map.tif"] = Raster(finite, float(west), float(north), self.step_deg)
         return contents
 

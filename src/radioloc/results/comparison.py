@@ -14,13 +14,7 @@ from radioloc.estimation.combination import Agreement, JointEstimate
 from radioloc.lunar.position import LunarPosition
 from radioloc.results.cards import Card, Field, metres, plural, signed_metres
 from radioloc.results.result import Content, Result, Table
-from radioloc.results.tables import (
-    PositionRow,
-    finite,
-    place_record,
-    position_fields,
-    position_files,
-)
+from radioloc.results.tables import PositionRow, finite, place_record, position_fields, position_files
 from radioloc.vectors import rtn_axes
 
 

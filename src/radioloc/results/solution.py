@@ -27,12 +27,7 @@ from radioloc.estimation.consistency_results import Consistency
 from radioloc.estimation.gauss_markov import SeriesWeight, TimeCorrelation
 from radioloc.estimation.observability import Observability
 from radioloc.estimation.shared_observations import residual_sample
-from radioloc.estimation.statistics import (
-    FitStatistics,
-    Residuals,
-    finite_or_none,
-    read_only,
-)
+from radioloc.estimation.statistics import FitStatistics, Residuals, finite_or_none, read_only
 from radioloc.estimation.status import FitStatus
 from radioloc.lunar.local import EAST_NORTH_UP
 from radioloc.lunar.position import LunarPosition

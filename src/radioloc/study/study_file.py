@@ -23,12 +23,7 @@ from radioloc.simulation import Scenario
 from radioloc.simulation.simulate import TargetRecord
 from radioloc.study.map_positions import PlaceOnMap
 from radioloc.study.observation_choice import ObservationChoice, Uplink, Weight
-from radioloc.study.orbit_choice import (
-    ForcesChoice,
-    OrbitChoice,
-    ProcessNoise,
-    SegmentedAcceleration,
-)
+from radioloc.study.orbit_choice import ForcesChoice, OrbitChoice, ProcessNoise, SegmentedAcceleration
 from radioloc.study.orbiter import Orbiter
 from radioloc.study.schema import (
     STUDY_TABLES,

@@ -173,9 +173,8 @@ def orbit_parameters(
         sigma = sigmas.get(name, math.inf)
         parameters.append(Parameter(f"force.{name}", unit, "force", value, sigma, role=role, scale=scale))
 
-    return parameters, partial(
-        _orbit_changes, function, apriori
-    )  # functions of a module can be sent to workers
+    # Functions of a module can be sent to workers.
+    return parameters, partial(_orbit_changes, function, apriori)
 
 
 def _orbit_changes(function: PositionFunction, apriori: Floats, x: Floats) -> tuple[Floats, Floats]:

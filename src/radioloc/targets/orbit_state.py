@@ -22,14 +22,8 @@ from radioloc.vectors import Floats, rtn_axes
 RTN = ("radial", "along", "across")
 ALONG_ACROSS_RADIAL = ("along", "across", "radial")
 """Axes of errors of an orbit; the first two are horizontal, as those of a place."""
-LOCAL_LEVEL = [
-    1,
-    2,
-    0,
-    4,
-    5,
-    3,
-]  # places of along, across and radial position and velocity among radial, along and across
+# Places of along, across and radial position and velocity among radial, along and across.
+LOCAL_LEVEL = [1, 2, 0, 4, 5, 3]
 _MAPPED_EPOCH_COUNT = 25  # at which the covariance is mapped, the ends of the arc included
 
 

@@ -160,9 +160,7 @@ INSTANTANEOUS_COUNT_S = 1.0
 Over a second the mean rate differs from the rate at its middle by a 24th of the path's third derivative, 2e-7 m/s
 for a station on the rotating Earth.
 """
-_MAX_DIFFERENCED_SHIFT = (
-    1000.0 / C_M_S
-)  # Two stations on opposite sides of the equator separate at 2 x 465 m/s
+_MAX_DIFFERENCED_SHIFT = 1000.0 / C_M_S  # Two stations on the equator separate at up to 2 x 465 m/s
 
 
 def _ranges(part: SegmentReader, keyword: str) -> dict[str, Any]:

@@ -434,10 +434,8 @@ def _link(reading: Reading, segment: TdmSegment) -> tuple[Link, tuple[int, int, 
         raise segment.fail(keywords[0], f"{shown} has the target among the stations; correct it")
     if segment.participant(target).upper() == "UNKNOWN":
         raise segment.fail(f"PARTICIPANT_{target}", "the target is UNKNOWN; name it")
-    sender, receiver = (
-        ("" if one_way else reading.station(segment.participant(first))),
-        reading.station(segment.participant(second)),
-    )
+    sender = "" if one_way else reading.station(segment.participant(first))
+    receiver = reading.station(segment.participant(second))
     try:
         link = Link(sender, canonical_target(segment.participant(target)), receiver, len(paths) == 2)
     except InputError as error:

@@ -40,11 +40,7 @@ def locate(options: argparse.Namespace) -> int:
     return _fit(options, fitted=True)
 
 
-@command(
-    "residuals",
-    *_FIT,
-    examples=("study.toml --out results",),
-)
+@command("residuals", *_FIT, examples=("study.toml --out results",))
 def residuals(options: argparse.Namespace) -> int:
     """Print observed minus computed at the study's position; nothing is fitted."""
     return _fit(options, fitted=False)
@@ -99,25 +95,14 @@ def _solution(options: argparse.Namespace, path: Path, *, fitted: bool) -> radio
 
 
 @command(
-    "arcs",
-    STUDY,
-    JSON,
-    ARC_HOURS,
-    *output_folder(),
-    examples=("study.toml --hours 6 12 24 --out results",),
+    "arcs", STUDY, JSON, ARC_HOURS, *output_folder(), examples=("study.toml --hours 6 12 24 --out results",)
 )
 def arcs(options: argparse.Namespace) -> int:
     """Fit only the first hours of the data, for several arc lengths, and compare the positions."""
     return finish(options, radioloc.arcs(options.study, options.hours))
 
 
-@command(
-    "leave-one-out",
-    STUDY,
-    JSON,
-    *output_folder(),
-    examples=("study.toml --out results",),
-)
+@command("leave-one-out", STUDY, JSON, *output_folder(), examples=("study.toml --out results",))
 def leave_one_out(options: argparse.Namespace) -> int:
     """Fit a study without each of its stations and links, and print how the position moves."""
     result = radioloc.leave_one_out(options.study, progress=not options.quiet)

@@ -49,11 +49,7 @@ def new(options: argparse.Namespace) -> int:
 _IAU = "IAU_MOON"
 
 
-@command(
-    "doctor",
-    JSON,
-    examples=("", "--json"),
-)
+@command("doctor", JSON, examples=("", "--json"))
 def doctor(options: argparse.Namespace) -> int:
     """Check kernels, Earth orientation, leap seconds, the compiler's cache and optional packages."""
     from radioloc.jobs.doctor import doctor

@@ -101,9 +101,7 @@ def _read_shadr(path: Path, first: str, lines: Iterator[tuple[int, str]]) -> dic
     for word, coordinate in zip(head[6:8], ("longitude", "latitude"), strict=False):
         if _number(path, 1, word) != 0.0:
             raise FileFormatError(
-                path,
-                f"reference {coordinate}: expected 0 (prime meridian and equator), got {word}",
-                1,
+                path, f"reference {coordinate}: expected 0 (prime meridian and equator), got {word}", 1
             )
     degree = min(_integer(path, 1, head[3]), _integer(path, 1, head[4]))
     table = _Table(path, degree, _number(path, 1, head[1]) * 1e9, _number(path, 1, head[0]) * 1e3)

@@ -398,11 +398,7 @@ def _slab(a: Floats, b: Floats) -> int:
 
 
 def refreshed(
-    factor: Factor,
-    linearization: Linearization,
-    whitening: Whitener,
-    parameters: ParameterSet,
-    x: Floats,
+    factor: Factor, linearization: Linearization, whitening: Whitener, parameters: ParameterSet, x: Floats
 ) -> Factor:
     """Return a factor with the triangle of a neighbouring point and the right side of the gradient at x.
 

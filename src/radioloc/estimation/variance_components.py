@@ -200,10 +200,7 @@ def _is_settled(sigma_m: Floats, previous_m: Floats) -> bool:
 
 
 def additive_sigma_m(
-    residual_m: Floats,
-    sigma_m: Floats,
-    dof: float,
-    probability: float | None = SCALING_PROBABILITY,
+    residual_m: Floats, sigma_m: Floats, dof: float, probability: float | None = SCALING_PROBABILITY
 ) -> float:
     """Additive noise with which the residuals have a reduced chi-square of one, m."""
     squares_m2, variances_m2 = residual_m**2, sigma_m**2

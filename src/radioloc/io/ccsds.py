@@ -86,11 +86,7 @@ def write_orbit_oem(
 
 @accepts_quantities
 def write_orbit_opm(
-    path: str | Path,
-    orbit: Orbit,
-    *,
-    originator: str,
-    covariance: ArrayLike | None = None,
+    path: str | Path, orbit: Orbit, *, originator: str, covariance: ArrayLike | None = None
 ) -> Path:
     """Write an orbit's state at its epoch with its covariance, and its impulses, as an OPM in KVN."""
     (state,) = states_km(orbit, np.zeros(1))

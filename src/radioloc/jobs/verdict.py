@@ -113,12 +113,7 @@ def _rejected_stations(edited: EditedFit, order: SeriesOrder) -> Iterator[Doubt]
 
 def mark_if_unobservable(solution: Solution) -> Solution:
     """Set UNOBSERVABLE if the sigma of a position exceeds a tenth of the lunar radius."""
-    ended = (
-        FitStatus.CONVERGED,
-        FitStatus.DIVERGED,
-        FitStatus.MAX_ITERATIONS,
-        FitStatus.OFF_THE_MOON,
-    )
+    ended = (FitStatus.CONVERGED, FitStatus.DIVERGED, FitStatus.MAX_ITERATIONS, FitStatus.OFF_THE_MOON)
     if solution.status not in ended or solution.trajectory is not None or not solution.position_estimated:
         return solution
     several = [solution.of_target(target.name) for target in solution.targets] or [solution]

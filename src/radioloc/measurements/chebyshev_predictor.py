@@ -272,12 +272,7 @@ class ChebyshevPrediction:
         return replace(computed, by_motion=by_motion)
 
 
-def _in_threads(
-    segment: NDArray[np.int32],
-    x: Floats,
-    coefficients: Floats,
-    out: Floats,
-) -> None:
+def _in_threads(segment: NDArray[np.int32], x: Floats, coefficients: Floats, out: Floats) -> None:
     """Evaluate all rows in parallel; results do not depend on the number of threads."""
     from radioloc.compiled import numba
     from radioloc.measurements._kernels import quantities

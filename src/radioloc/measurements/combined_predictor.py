@@ -150,9 +150,7 @@ class CombinedPrediction:
         return Computed(**columns)
 
     def combine(
-        self,
-        rows: NDArray[np.intp],
-        columns: Callable[[NDArray[np.intp], Prediction, Predictor], Floats],
+        self, rows: NDArray[np.intp], columns: Callable[[NDArray[np.intp], Prediction, Predictor], Floats]
     ) -> Floats:
         """Combine the columns that a function returns for rows of the simple predictor, shape (m, ...)."""
         simple, begin = self._parts.rows(np.arange(self._n)[rows])

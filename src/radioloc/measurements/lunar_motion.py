@@ -125,10 +125,7 @@ class LunarMotion:
 
 
 def lunar_motion(
-    model: PhysicalModel,
-    reference: Epochs,
-    reference_earth: EarthState,
-    offset_s: Floats,
+    model: PhysicalModel, reference: Epochs, reference_earth: EarthState, offset_s: Floats
 ) -> LunarMotion:
     """Return the Moon's motion at offsets from the reference epochs (TDB), from the geocentre there."""
     # Lengths on the Moon are local lengths in the units of TT, like those on the Earth. In the BCRS they are shorter by

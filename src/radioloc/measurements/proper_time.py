@@ -121,12 +121,7 @@ def target_clock(
 
 
 def _gain(
-    model: PhysicalModel,
-    zero: Epochs,
-    since_s: Floats,
-    trajectory: AnyTrajectory | None,
-    *,
-    continuous: bool,
+    model: PhysicalModel, zero: Epochs, since_s: Floats, trajectory: AnyTrajectory | None, *, continuous: bool
 ) -> tuple[Floats, Floats]:
     """Return the gain of the origin's clock since `zero`, or since the last gap unless `continuous`, and its rate."""
     from scipy.interpolate import CubicSpline

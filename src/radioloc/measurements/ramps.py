@@ -56,12 +56,7 @@ class Ramps:
     @classmethod
     @accepts_quantities
     def from_columns(
-        cls,
-        station: Sequence[str],
-        start: Epochs,
-        stop: Epochs,
-        frequency_hz: Floats,
-        rate_hz_s: Floats,
+        cls, station: Sequence[str], start: Epochs, stop: Epochs, frequency_hz: Floats, rate_hz_s: Floats
     ) -> Ramps:
         """Check ramps of stations and sort them; duplicates are merged.
 
@@ -231,13 +226,7 @@ def ramp_term(
 class TransmittedFrequency:
     """Transmitted frequency of a station as a function of time."""
 
-    def __init__(
-        self,
-        start: Epochs,
-        duration_s: Floats,
-        frequency_hz: Floats,
-        rate_hz_s: Floats,
-    ) -> None:
+    def __init__(self, start: Epochs, duration_s: Floats, frequency_hz: Floats, rate_hz_s: Floats) -> None:
         self.origin = start[0]
         self._start_s = start.seconds_since(start[:1])
         self._duration_s, self._frequency_hz, self._rate_hz_s = duration_s, frequency_hz, rate_hz_s

@@ -123,11 +123,7 @@ def default_sigmas(
 
 
 def _members_of(
-    kind: ParameterKind,
-    scope: Scope,
-    predictor: Predictor,
-    choice: ParameterChoice | None,
-    present: Members,
+    kind: ParameterKind, scope: Scope, predictor: Predictor, choice: ParameterChoice | None, present: Members
 ) -> Collection[str]:
     """Return the members of a choice; a station belongs to a choice that names all its links."""
     if choice is None or choice.names == "none":

@@ -148,9 +148,7 @@ FIGURES = Registry(
             OBSERVABILITY,
         ),
         FigureType(
-            "comparison",
-            plot_comparison,
-            "positions east and north of the benchmark, with ellipses of 95 %",
+            "comparison", plot_comparison, "positions east and north of the benchmark, with ellipses of 95 %"
         ),
         FigureType(
             "trials", plot_trials, "horizontal errors of the trials, with claimed and found ellipses of 95 %"

@@ -314,12 +314,7 @@ def _second_scale(axes: Axes, label: str, factor: float) -> None:
 
 
 def _draw(
-    axes: Axes,
-    residuals: Residuals,
-    dates: Dates,
-    panel: Panel,
-    half_height_m: float,
-    color: str,
+    axes: Axes, residuals: Residuals, dates: Dates, panel: Panel, half_height_m: float, color: str
 ) -> None:
     """Draw the residuals of a panel: of a station with error bars, or of each link in its colour."""
     axes.axhline(0.0, color="0.4", linewidth=0.8)
@@ -383,12 +378,7 @@ def draw_envelope(axes: Axes, dates: Dates, values: Floats, limits: Limits, *, c
 
 
 def _draw_rejected(
-    axes: Axes,
-    dates: Dates,
-    values: Floats,
-    middle: float,
-    half_height: float,
-    size: float,
+    axes: Axes, dates: Dates, values: Floats, middle: float, half_height: float, size: float
 ) -> list[Any]:
     """Mark rejected observations, beyond the panel by triangles at its edge; return the handles of the legend."""
     offsets, edge = values - middle, _EDGE * half_height

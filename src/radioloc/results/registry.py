@@ -40,10 +40,7 @@ RESULTS = Registry(
         ResultType("comparison", Comparison, ("comparison",), ("comparison.json", *POSITION_FILES)),
         ResultType("state_comparison", StateComparison, (), ("comparison.json", "states.csv")),
         ResultType(
-            "monte_carlo",
-            MonteCarlo,
-            ("trials",),
-            ("montecarlo.json", "trials.csv", "trials_[0-9]*.csv"),
+            "monte_carlo", MonteCarlo, ("trials",), ("montecarlo.json", "trials.csv", "trials_[0-9]*.csv")
         ),
         ResultType(
             "covariance",

@@ -30,13 +30,7 @@ from radioloc.vectors import Floats
 SolutionLike = Result | Mapping[str, Any]
 """A solution of tracking or of images, or the content of its ``solution.json``."""
 
-_RESIDUAL_DECIMALS = {
-    "observed_m": 7,
-    "computed_m": 7,
-    "residual_m": 6,
-    "sigma_m": 6,
-    "elevation_deg": 4,
-}
+_RESIDUAL_DECIMALS = {"observed_m": 7, "computed_m": 7, "residual_m": 6, "sigma_m": 6, "elevation_deg": 4}
 RESIDUAL_COLUMNS = ("epoch_utc", "type", "path", *_RESIDUAL_DECIMALS, "status", "residual_mm_s")
 """Columns of ``residuals.csv``, in order; the last only with observations over a count interval."""
 

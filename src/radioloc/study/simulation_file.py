@@ -19,11 +19,7 @@ from radioloc.study.schema import TomlTable
 from radioloc.time import Epochs, utc_strings
 
 _Record = TypeVar("_Record")
-_MASKS = {
-    "mask_deg": "station_deg",
-    "target_mask_deg": "target_deg",
-    "station_masks_deg": "by_station_deg",
-}
+_MASKS = {"mask_deg": "station_deg", "target_mask_deg": "target_deg", "station_masks_deg": "by_station_deg"}
 _VLBI_STATION = ("vlbi_station", "vlbi_station_rate")
 # Keys beside those of parameters
 _TRUTH_KEYS = {"terms_on": tuple[str, ...], "terms_off": tuple[str, ...]}

@@ -396,10 +396,7 @@ class Study:
         elif first is not None and self.target is not first:
             raise InputError("give either [target] or [targets.NAME], not both")
         if len(named) > 1:
-            of_one_position = {
-                "[reference]": self.reference,
-                "[references]": self.references,
-            }
+            of_one_position = {"[reference]": self.reference, "[references]": self.references}
             for key in filter(of_one_position.get, of_one_position):
                 raise InputError(f"{key}: expected one position, but [targets] gives several; leave it out")
 

@@ -268,10 +268,7 @@ def _considered(table: TomlTable) -> tuple[dict[str, ParameterChoice], bool, tup
 
 
 def _simulation(
-    table: TomlTable,
-    targets: Mapping[str, AnyTarget],
-    forces: Mapping[str, Any],
-    catalogue: StationCatalogue,
+    table: TomlTable, targets: Mapping[str, AnyTarget], forces: Mapping[str, Any], catalogue: StationCatalogue
 ) -> Scenario:
     """Read ``[simulation]`` of targets by name; the name of a single ``[target]`` is empty."""
     records: TargetRecord | dict[str, TargetRecord]

@@ -46,10 +46,7 @@ class ObservationModel:
 
     @classmethod
     def from_targets(
-        cls,
-        predictor: Predictor,
-        targets: Sequence[Target],
-        kinds: Sequence[tuple[Columns, list[Parameter]]],
+        cls, predictor: Predictor, targets: Sequence[Target], kinds: Sequence[tuple[Columns, list[Parameter]]]
     ) -> ObservationModel:
         """Put targets and kinds of parameter together."""
         parameters = [parameter for target in targets for parameter in target.parameters]

@@ -60,11 +60,7 @@ _BLOCK_ROWS = 2**14
 
 
 def write_tdm(
-    path: str | Path,
-    observations: Observations,
-    *,
-    originator: str,
-    comments: Iterable[str] = (),
+    path: str | Path, observations: Observations, *, originator: str, comments: Iterable[str] = ()
 ) -> None:
     """Write observations as a message in KVN.
 

@@ -167,8 +167,8 @@ class BinnedProblem:
             part = points.series_slice(k)
             series_noise = noise.get(series.key) or _white_noise(points, k, estimate, absorbed[k])
             white.append(series_noise.white)
-            identity, width_s = np.eye(part.stop - part.start), float(points.width_s[k])
-            roots.append(series_noise.whitened(points.step_s[part], points.gain[part], identity, width_s))
+            width_s = float(points.width_s[k])
+            roots.append(series_noise.whitening_root(points.step_s[part], points.gain[part], width_s))
         whitened_problem = replace(self, roots=tuple(roots), white=tuple(white))
         spreads = [_spread(whitened_problem.residual[points.series_slice(k)]) for k in range(len(roots))]
         if max(spreads) == 1.0:

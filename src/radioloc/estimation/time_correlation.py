@@ -43,6 +43,7 @@ from radioloc.estimation.gauss_markov import (
 )
 from radioloc.estimation.least_squares import FitResult, fit_least_squares
 from radioloc.estimation.linearization import (
+    OrthonormalLinearization,
     ResidualFunction,
     covariance_matrix,
     directions_of_rows,
@@ -84,7 +85,8 @@ def assess_time_correlation(
     q = root.shape[1]
     points, free = points_of(series, column(fit.residual_m)), fit.parameters.free
     partials = binned_partials(series, lambda rows: fit.linearization.partials(rows)[:, free])
-    points = replace(points, unit=times(partials, root))
+    is_trial = isinstance(fit.linearization, OrthonormalLinearization)
+    points = replace(points, unit=times(partials, root), compiled=is_trial)
     noise = noise_of_series(*_without_considered(fit, points, partials), significant=False)
     if not noise:
         return uncorrelated

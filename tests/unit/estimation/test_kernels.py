@@ -5,6 +5,7 @@ must be.
 """
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -46,10 +47,12 @@ TAU_S, RATIO = np.array([30.0, 600.0, 50000.0]), np.array([1e-4, 0.3, 200.0])
 SIGMAS = np.array([30.0, 2.0])
 
 
-def test_restricted_likelihoods_are_those_of_dense_algebra(case):
+@pytest.mark.parametrize("compiled", [False, True])
+def test_restricted_likelihoods_are_those_of_dense_algebra(case, compiled):
     """Two series with parameters in common: each by itself, and both together with the variances of each."""
     step_s, gain, columns = case
     data, ends = two_series(step_s, gain, columns), [slice(0, 90), slice(90, 150)]
+    data = replace(data, compiled=compiled)
     log, white, joint_log = RestrictedLikelihood.from_points(data, np.arange(2), SIGMAS).evaluate(
         TAU_S, RATIO
     )

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.dynamics import AdjustableOrbit, Orbit
-from radioloc.jobs.gravity_errors import GravityErrorOrbits, own_gravity_errors
+from radioloc.jobs.error_columns import GravityErrorOrbits, own_gravity_errors
 from radioloc.jobs.linear_trials import Compared
 from radioloc.jobs.problem import ArcPart, EstimationProblem
 from radioloc.lunar import rot_pa_to_me

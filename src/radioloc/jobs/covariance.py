@@ -17,7 +17,7 @@ from radioloc.dynamics import AdjustableOrbit
 from radioloc.earth.stations import StationCatalogue
 from radioloc.errors import InputError
 from radioloc.estimation.consider import owner
-from radioloc.jobs.gravity_errors import GravityErrorOrbits
+from radioloc.jobs.error_columns import GravityErrorOrbits
 from radioloc.jobs.notes import planning_notes
 from radioloc.jobs.one_thread import on_one_blas_thread
 from radioloc.jobs.planned_fit import PlannedFit

@@ -25,16 +25,21 @@ from radioloc.estimation.phase_editing import PhaseCounts, phase_faults
 from radioloc.estimation.status import Doubt, FitStatus
 from radioloc.estimation.time_correlation import fit_with_correlated_weights
 from radioloc.estimation.variance_components import fit_with_variance_components
-from radioloc.jobs.gravity_errors import GravityErrorOrbits, orbit_state
+from radioloc.jobs.error_columns import GravityErrorOrbits, orbit_state
 from radioloc.jobs.mistakes import axes_mistakes, with_mistake
 from radioloc.jobs.notes import model_limitations, provenance, study_notes
 from radioloc.jobs.one_thread import on_one_blas_thread
 from radioloc.jobs.orbit_start import initial_orbit
 from radioloc.jobs.preparation import known_positions, prepared_arc, usability, with_model_of_caller
 from radioloc.jobs.problem import EstimationProblem
-from radioloc.jobs.station_doubts import coordinate_doubts
 from radioloc.jobs.stochastic import StochasticProblem
-from radioloc.jobs.verdict import mark_if_unobservable, misfits, search_hints, with_considered
+from radioloc.jobs.verdict import (
+    coordinate_doubts,
+    mark_if_unobservable,
+    misfits,
+    search_hints,
+    with_considered,
+)
 from radioloc.labels import USED, Labels
 from radioloc.lunar import rot_pa_to_me
 from radioloc.measurements.observations import Observations

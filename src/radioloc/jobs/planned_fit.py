@@ -19,7 +19,7 @@ from radioloc.estimation.least_squares import FitResult
 from radioloc.estimation.linearization import Linearization, covariance_matrix, factorize
 from radioloc.estimation.observability import assess_observability
 from radioloc.estimation.status import FitStatus
-from radioloc.jobs.gravity_errors import GravityErrorOrbits, orbit_state, own_gravity_errors
+from radioloc.jobs.error_columns import GravityErrorOrbits, orbit_state, own_gravity_errors
 from radioloc.jobs.problem import ArcPart
 from radioloc.jobs.stochastic import IndependentAccelerations, StochasticProblem
 from radioloc.parameters.parameter import ParameterSet, Role

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from radioloc.estimation.consider import principal_errors
 from radioloc.estimation.robust import linear_problem
 from radioloc.jobs.compared_target import ComparedTarget, true_parameters
-from radioloc.jobs.gravity_errors import GravityErrorOrbits
+from radioloc.jobs.error_columns import GravityErrorOrbits
 from radioloc.jobs.linear_trials import (
     LinearArc,
     LinearTrials,

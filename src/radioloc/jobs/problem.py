@@ -22,13 +22,15 @@ from radioloc.errors import InputError, error_context
 from radioloc.estimation.consider import ConsideredErrors
 from radioloc.estimation.series import SeriesOrder, seconds_since_midnight
 from radioloc.jobs.error_columns import (
+    GravityErrorOrbits,
     ParameterBlock,
     fixed_parameter_blocks,
+    force_errors,
+    gravity_errors,
     join_errors,
     parameter_errors,
     term_errors,
 )
-from radioloc.jobs.gravity_errors import GravityErrorOrbits, force_errors, gravity_errors
 from radioloc.jobs.selection import EPOCH_ROUNDING_S, since_start_s
 from radioloc.jobs.station_noise import noise_of, with_independent_clocks
 from radioloc.jobs.study_targets import build_targets

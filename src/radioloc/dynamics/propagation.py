@@ -199,7 +199,6 @@ def _legs(
 
 
 def _apply_impulse(y: Floats, impulse: Impulse, names: tuple[str, ...], sign: float) -> None:
-    """Apply an impulse to state and partials, forward or backward."""
     delta = np.array(impulse.delta_v_m_s)
 
     def rotation(state: Floats) -> Floats:

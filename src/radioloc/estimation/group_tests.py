@@ -241,7 +241,6 @@ class BinnedProblem:
     def _rows_of(
         self, links: Mapping[int, float], span_s: tuple[float, float] = (-np.inf, np.inf)
     ) -> tuple[NDArray[np.intp], NDArray[np.intp], Floats]:
-        """Rows of some links in an interval, with their points and signs."""
         signs = np.full(int(self.code.max()) + 1, np.nan)
         signs[list(links)] = list(links.values())
         indices = np.flatnonzero(~np.isnan(signs[self.code]))

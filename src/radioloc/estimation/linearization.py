@@ -392,7 +392,6 @@ def _thinned(a: Floats) -> Any:
 
 
 def _slab(a: Floats, b: Floats) -> int:
-    """Rows of a slab."""
     width = max(a.shape[1], b.shape[1], 1)
     return max(32, min(_LEAF_ELEMENTS // width, 20 * _LEAF_ELEMENTS // width**2))
 

@@ -101,7 +101,6 @@ def _pass_faults(edited: EditedFit, rows: Rows, counts: PhaseCounts) -> Iterator
 
 
 def _split_at_changes(rows: Rows, values: np.ndarray) -> list[Rows]:
-    """Split rows where their values change."""
     return np.split(rows, np.flatnonzero(changed(values))[1:]) if len(rows) else []
 
 

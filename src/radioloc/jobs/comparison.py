@@ -152,7 +152,6 @@ def _recorded_states(
 
 
 def _compare_states(recorded: Sequence[tuple[Mapping[str, Any], Mapping[str, Any]]]) -> StateComparison:
-    """Compare the states of solutions at one epoch."""
     epochs = list(dict.fromkeys(state["epoch_tdb"] for _, state in recorded))
     if len(epochs) > 1:
         raise InputError(

@@ -108,7 +108,6 @@ def covariance(
 def _study_of_target(
     plan: _Plan, fits: Sequence[PlannedFit], target: int, reach_m: float | None
 ) -> CovarianceStudy:
-    """Return the predicted accuracy of one target."""
     arcs, longest = [fit.planned(target) for fit in fits], fits[-1]
     improvements: list[Improvement] = []
     if arcs[-1].determined:

@@ -206,7 +206,6 @@ class _Fit:
 
 
 def _build(fitted: _Fit, consistency: bool) -> Solution:
-    """Build the solution of a fit from its estimate and residuals."""
     problem, model, x = fitted.problem, fitted.model, fitted.x
     study, estimate, predictor = problem.study, problem.estimate, model.predictor
     observations, constants = predictor.observations, predictor.model.ephemeris.constants

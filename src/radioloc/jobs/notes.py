@@ -186,7 +186,6 @@ def _position_notes(predictor: Predictor, parameters: Iterable[Parameter]) -> It
 
 
 def _model_notes(predictor: Predictor) -> Iterator[str]:
-    """Yield notes on the data of the model that the user can improve."""
     model = predictor.model
     if predicted := int(predictor.predicted_eop.sum()):
         yield f"Earth orientation is predicted, not measured, for {plural(predicted, 'observation')}"

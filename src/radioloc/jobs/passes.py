@@ -214,7 +214,6 @@ def _motion(record: TargetRecord, model: PhysicalModel, span_utc: Epochs) -> Tar
 
 
 def _planned(study: Study) -> tuple[list[str], str, str, Masks]:
-    """Return stations, span and masks of a schedule."""
     assert study.simulation is not None
     schedule = study.simulation.schedule
     names = [name for session in schedule.sessions for pair in session.pairs for name in pair if name]
@@ -225,7 +224,6 @@ def _planned(study: Study) -> tuple[list[str], str, str, Masks]:
 
 
 def _observed(study: Study) -> tuple[list[str], str, str, Masks]:
-    """Return stations and span of the observations, and the default masks."""
     observations = prepared_arc(study)[0].observations
     names = sorted(set().union(*link_stations(observations.links, study.catalogue)))
     epochs = utc_strings(observations.epoch, decimals=0)

@@ -119,7 +119,6 @@ def _flying(
 
 
 def _prior(choice: EstimateChoice, target: str) -> PositionPrior | None:
-    """A-priori position of a target that is estimated in geographic coordinates."""
     if choice.position != "geographic":
         return None
     return next((prior for prior in choice.position_priors if prior.target == target), None)

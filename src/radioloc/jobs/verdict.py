@@ -96,7 +96,6 @@ def misfits(edited: EditedFit, stated_m: NDArray[np.float64], order: SeriesOrder
 
 
 def _receivers(series: LinkSeries) -> list[str]:
-    """Return the receiving stations of a series."""
     return sorted(station for station, sign in series.signs.items() if sign)
 
 

@@ -232,7 +232,6 @@ def _rotation(
 
 
 def _constants_of(frame: str) -> EphemerisConstants:
-    """Constants of the ephemeris that axes belong to."""
     _, _, ephemeris = frame.partition("_")
     if ephemeris not in CONSTANTS or not frame.startswith(("PA_", "ME_")):
         supported = ", ".join(f"PA_{name}, {constants.me_frame}" for name, constants in CONSTANTS.items())

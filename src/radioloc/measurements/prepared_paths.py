@@ -202,7 +202,6 @@ class PreparedPaths(Predictor):
         return groups
 
     def _observations_of(self, paths: Rows) -> Observations:
-        """Return the observations of some paths."""
         if isinstance(paths, slice):
             return self.observations
         return self.observations.select(paths[paths < len(self.observations)])

@@ -47,7 +47,6 @@ PARAMETERS: Mapping[str, ParameterKind] = Registry(
 
 
 def _registered(name: str) -> ParameterKind:
-    """Return a kind by name."""
     return PARAMETERS[name]
 
 

@@ -208,7 +208,6 @@ def plot_covariance(study: CovarianceStudy, ax: Axes | None = None) -> Figure:
 
 
 def _draw_sources(axes: Axes, arcs: Sequence[PlannedArc]) -> None:
-    """Draw the horizontal sigma of each source by length; the smallest share a line."""
     variances_m2 = [
         {kind: float(by_axis[:2].sum()) for kind, by_axis in arc.by_source().items()} for arc in arcs
     ]

@@ -90,7 +90,6 @@ def require_page() -> ModuleType:
 
 
 def _sections(result: Result, name: str, figures: Mapping[str, Path | BytesIO]) -> list[_Section]:
-    """Return the sections of the page in order."""
     sections = {title: _Section(title) for title in SECTIONS}
     card = result.card()
     for item in card.fields:

@@ -550,7 +550,6 @@ class Solution(Result):
         return rows
 
     def _place_rad(self) -> tuple[float, float, float]:
-        """Return :attr:`selenographic` in rad and m."""
         if self.trajectory is not None:
             raise InputError(
                 f"{self.name}: expected a target fixed to the Moon, got a trajectory ({self.trajectory})"

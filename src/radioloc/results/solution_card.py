@@ -260,7 +260,6 @@ def _sigma_field(solution: Solution) -> Field:
 
 
 def _target_lines(solution: Solution) -> Iterator[str]:
-    """Yield the position of each of several targets."""
     for target in solution.targets:
         located = solution.of_target(target.name)
         longitude_deg, latitude_deg, height_m = located.selenographic
@@ -332,7 +331,6 @@ def _advice_lines(items: Sequence[ErrorSource]) -> Iterator[str]:
 
 
 def _reference_lines(solution: Solution) -> Iterator[str]:
-    """Yield the differences from known positions."""
     for reference in solution.all_references:
         line = (
             f"solution - {reference.name}: east {metres(reference.east_m)}, north {metres(reference.north_m)}, "
@@ -371,7 +369,6 @@ def _parameter_indices(solution: Solution, *, free: bool) -> list[int]:
 
 
 def _fixed_lines(solution: Solution) -> Iterator[str]:
-    """Yield the parameters that are fixed, with their values, in one line."""
     items = [solution.parameters.parameters[k] for k in _parameter_indices(solution, free=False)]
     values = [f"{parameter_name(item.name)} {item.prior_value:.6g} {item.unit}" for item in items]
     if values:

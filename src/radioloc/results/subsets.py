@@ -317,7 +317,6 @@ class ArcStudy(Result):
         yield provenance_detail(self.longest.provenance)
 
     def _position_fields(self, axes: str, *, of_several: bool) -> Iterator[Field]:
-        """Yield the fields with positions and sigmas of one target."""
         if of_several:
             yield Field("target", (self.name,))
         sizes = ("", "L, m", "B, m", "h, m", "height, m", f"from {self.arcs[0].name}, m", "in sigmas")

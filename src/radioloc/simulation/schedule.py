@@ -313,7 +313,6 @@ class Planner:
 def _tracked(
     session: Session, model: PhysicalModel, targets: Mapping[str, Target]
 ) -> list[tuple[str, Target | AtInfinity]]:
-    """Return the names and places of a session's targets."""
     if session.source:
         name = canonical_target(session.source)
         if name not in model.sources:

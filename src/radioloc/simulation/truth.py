@@ -324,7 +324,6 @@ def _choices(values: Mapping[str, Any], *, sigma: bool = False) -> dict[str, Par
 
 
 def _numbers(value: Any) -> list[float]:
-    """Return all numbers of an error."""
     if isinstance(value, Mapping):
         return [number for item in value.values() for number in _numbers(item)]
     return list(value) if isinstance(value, tuple) else [] if value is None else [value]

@@ -251,7 +251,6 @@ class Sight:
         return out
 
     def _frames_at(self, rows: NDArray[np.intp]) -> Iterator[StationFrames]:
-        """Yield the frames at some epochs in blocks."""
         for part in np.split(rows, range(_BLOCK_EPOCHS, len(rows), _BLOCK_EPOCHS)):
             yield StationFrames.at_epochs(self._model, self._stations, self._tt[part])
 

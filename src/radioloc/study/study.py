@@ -424,7 +424,6 @@ class Study:
             )
 
     def _set_position_priors(self) -> None:
-        """Set the a-priori positions of targets from positions on maps."""
         places, estimate = self.observations.map_positions, self.estimate
         if not self.landers or not (places or estimate.position_priors):
             return

@@ -337,7 +337,6 @@ def _fields(comments: Iterable[str], fields: Mapping[str, str]) -> Iterator[str]
 
 
 def _records(segment: TdmSegment) -> Iterator[bytes]:
-    """Yield records as lines."""
     import pyarrow as pa
     import pyarrow.compute as pc
 

@@ -192,17 +192,6 @@ class SeriesCorrelation:
     correlation_time_s: float  #: time in which the correlation of the Gauss-Markov process falls to 1/e, s
     share: float  #: part of the residuals' variance that the process has, 0 to 1
 
-    def __str__(self) -> str:
-        time_s = self.correlation_time_s
-        if time_s < 3600.0:
-            text = f"{time_s / 60.0:.2g} min"
-        else:
-            text = f"{time_s / 3600.0:.2g} h" if time_s < 3.0 * 86400.0 else f"{time_s / 86400.0:.2g} days"
-        return (
-            f"residuals of {self.name} are correlated in time over {text}: {self.count} observations count as "
-            f"{max(self.effective_count, 1.0):.0f}"
-        )
-
 
 @dataclass(frozen=True, slots=True)
 class SeriesWeight:

@@ -359,7 +359,9 @@ def _cells(column: Any, rows: slice, decimals: int | None, for_text: bool) -> An
         return pyarrow.array(text.split("\n")[:-1], pyarrow.string(), mask=np.isnan(part))
     if isinstance(part, np.ndarray) and part.dtype.kind != "U":
         return pyarrow.array(part, from_pandas=True)
-    return pyarrow.array(list(map(as_cell, np.asarray(part, dtype=np.str_).tolist())), pyarrow.string())
+    values = part.tolist() if isinstance(part, np.ndarray) else part
+    cells = [as_cell(item) if isinstance(item, str) else item for item in values]
+    return pyarrow.array(cells, None if any(cell is not None for cell in cells) else pyarrow.string())
 
 
 def _label_texts(codes: NDArray[Any], labels: Sequence[str]) -> Any:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import Any, Protocol, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -13,8 +13,15 @@ from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.estimation.combination import Agreement, JointEstimate
 from radioloc.lunar.position import LunarPosition
 from radioloc.results.cards import Card, Field, metres, plural, signed_metres
-from radioloc.results.result import Content, Result, Table
-from radioloc.results.tables import PositionRow, finite, place_record, position_fields, position_files
+from radioloc.results.result import Content, Result
+from radioloc.results.tables import (
+    PositionRow,
+    finite,
+    place_record,
+    position_fields,
+    position_files,
+    record_table,
+)
 from radioloc.vectors import rtn_axes
 
 
@@ -72,8 +79,7 @@ class StateComparison(Result):
 
     def files(self) -> Mapping[str, Content]:
         """Return all numbers, and a table with a row for each pair."""
-        rows = [asdict(pair) for pair in self.pairs]
-        table = Table({key: [row[key] for row in rows] for key in rows[0]})
+        table = record_table([asdict(pair) for pair in self.pairs])
         return {"comparison.json": self.to_dict(), "states.csv": table}
 
     def card(self) -> Card:
@@ -114,11 +120,15 @@ def state_pair(
 
 
 def _cells(pair: StatePair) -> tuple[str, ...]:
-    sigmas, chance = "-", "-"
-    if pair.chi2 is not None and pair.chance is not None:
-        sigmas, chance = f"{math.sqrt(pair.chi2):.2f}", f"{100.0 * pair.chance:.2g}"
     sides = map(signed_metres, (pair.radial_m, pair.along_m, pair.across_m))
-    return f"{pair.first} - {pair.second}", *sides, sigmas, chance
+    return f"{pair.first} - {pair.second}", *sides, *_significance_cells(pair)
+
+
+def _significance_cells(pair: Agreement | StatePair) -> tuple[str, str]:
+    """Return the difference in sigmas and the probability of a larger one."""
+    if pair.chi2 is None or pair.chance is None:
+        return "-", "-"
+    return f"{math.sqrt(pair.chi2):.2f}", f"{100.0 * pair.chance:.2g}"
 
 
 _SIGNIFICANCE_LEVEL = 1e-3  # one comparison of consistent solutions in a thousand is refused
@@ -255,14 +265,7 @@ def untested_lines(pairs: Iterable[tuple[str, str]]) -> Iterator[str]:
             yield f"{named} are not tested: {reason}"
 
 
-class _Pair(Protocol):
-    """Difference of two solutions with its probability, None without a test."""
-
-    @property
-    def chance(self) -> float | None: ...
-
-
-_AnyPair = TypeVar("_AnyPair", bound=_Pair)
+_AnyPair = TypeVar("_AnyPair", Agreement, StatePair)
 
 
 def significant_pairs(pairs: Iterable[_AnyPair]) -> list[_AnyPair]:
@@ -281,8 +284,5 @@ def _agreement_text(chance: float, pair: Agreement) -> str:
 
 
 def _pair(pair: Agreement) -> tuple[str, ...]:
-    sigmas, chance = "-", "-"
-    if pair.chi2 is not None and pair.chance is not None:
-        sigmas, chance = f"{math.sqrt(pair.chi2):.2f}", f"{100.0 * pair.chance:.2g}"
     components = (f"{round(value, 1) + 0.0:.1f}" for value in pair.difference_enu_m)
-    return f"{pair.one} - {pair.two}", *components, sigmas, chance
+    return f"{pair.one} - {pair.two}", *components, *_significance_cells(pair)

@@ -21,7 +21,8 @@ from radioloc.estimation.statistics import finite_or_none, root_between
 from radioloc.lunar.local import EAST_NORTH_UP
 from radioloc.results.cards import Card, Field, metres, table
 from radioloc.results.names import error_name, source_name
-from radioloc.results.result import Content, Result
+from radioloc.results.result import Content, Result, Table
+from radioloc.results.tables import record_table
 from radioloc.targets.orbit_state import ALONG_ACROSS_RADIAL, RTN, OrbitState
 from radioloc.time import utc_strings
 from radioloc.vectors import Floats
@@ -180,23 +181,25 @@ class CovarianceStudy(Result):
             **({"others": [other.to_dict() for other in self.others]} if self.others else {}),
         }
 
-    def to_csv(self) -> str:
+    def table(self) -> Table:
         """Return a row for each length, with the standard deviation by kind of source over all axes."""
-        kinds = dict.fromkeys(kind for arc in reversed(self.arcs) for kind in arc.by_source())
-        sigmas = [f"sigma_{axis}_m" for axis in self.longest.axes]
-        rows = [["hours", "span_h", "observations", *sigmas, "radius_95_m", *(f"{k}_m" for k in kinds)]]
-        for arc in self.arcs:
-            by_source = arc.by_source()
-            parts = [math.sqrt(by_source[k].sum()) if k in by_source else math.inf for k in kinds]
-            numbers = [*arc.sigma_m.tolist(), arc.radius_95_m, *parts]
-            cells = [f"{x:.6g}" if math.isfinite(x) else "" for x in numbers]
-            rows.append([f"{arc.hours:g}", f"{arc.span_h:.4f}", str(arc.count), *cells])
-        return "".join(f"{','.join(row)}\n" for row in rows)
+        records = []
+        for arc in reversed(self.arcs):  # the longest has all sources
+            sigmas_m = zip((f"sigma_{axis}_m" for axis in arc.axes), arc.sigma_m.tolist(), strict=True)
+            sources = {f"{kind}_m": math.sqrt(by_axis.sum()) for kind, by_axis in arc.by_source().items()}
+            numbers = {**dict(sigmas_m), "radius_95_m": arc.radius_95_m, **sources}
+            record: dict[str, Any] = {
+                "hours": arc.hours,
+                "span_h": round(arc.span_h, 4),
+                "observations": arc.count,
+            }
+            records.append(record | {name: finite_or_none(value) for name, value in numbers.items()})
+        return record_table(records[::-1])
 
     def files(self) -> Mapping[str, Content]:
         """Return all numbers, and a table with a row for each length."""
-        others = {f"covariance_{k}.csv": other.to_csv() for k, other in enumerate(self.others, 2)}
-        return {"covariance.json": self.to_dict(), "covariance.csv": self.to_csv(), **others}
+        others = {f"covariance_{k}.csv": other.table() for k, other in enumerate(self.others, 2)}
+        return {"covariance.json": self.to_dict(), "covariance.csv": self.table(), **others}
 
     def card(self) -> Card:
         """Return the card of the study."""

@@ -51,6 +51,7 @@ from radioloc.results.tables import (
     place_fields,
     position_fields,
     position_files,
+    record_table,
     residual_table,
 )
 from radioloc.targets.orbit_state import RTN, OrbitState
@@ -265,7 +266,7 @@ class ArcStudy(Result):
         if self.rows:
             files |= position_files(self.rows, names, parameters)
         if states := [asdict(row) for row in self.states]:
-            files["states.csv"] = Table({key: [row[key] for row in states] for key in states[0]})
+            files["states.csv"] = record_table(states)
         for arc in self.arcs:
             files[f"{arc.hours:g}h/solution.json"] = arc.solution.to_dict()
             files[f"{arc.hours:g}h/residuals.csv"] = residual_table(arc.solution.residuals)

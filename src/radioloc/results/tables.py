@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
@@ -23,8 +21,8 @@ from radioloc.lunar.selenographic import selenographic_to_cartesian
 from radioloc.results.cards import Field, metres, sigma_text, value_text
 from radioloc.results.names import parameter_name
 from radioloc.results.recorded import check_solution
-from radioloc.results.result import Result, Table
-from radioloc.text_files import require_ending, spreadsheet_cell, write_text
+from radioloc.results.result import Content, Result, Table
+from radioloc.text_files import require_ending, write_text
 from radioloc.vectors import Floats
 
 SolutionLike = Result | Mapping[str, Any]
@@ -246,26 +244,26 @@ def position_files(
     rows: Sequence[PositionRow],
     names: Mapping[str, str] | None = None,
     more: Sequence[Mapping[str, Any]] = (),
-) -> dict[str, str]:
+) -> dict[str, Content]:
     """Return the table of positions in three formats by file name; only the CSV has the columns of `more`."""
     table = position_table(rows, names)
-    texts = (csv_table(rows, more), table.to_markdown(), table.to_latex())
-    return dict(zip(POSITION_FILES, texts, strict=True))
-
-
-def csv_table(rows: Sequence[PositionRow], more: Sequence[Mapping[str, Any]] = ()) -> str:
-    """Return the table as comma-separated text, with further columns of the first rows."""
     records = [asdict(row) for row in rows]
     for record, columns in zip(records, more, strict=False):
         record |= columns
-    stream = io.StringIO()
-    names = list(dict.fromkeys(name for record in records for name in record))
-    writer = csv.DictWriter(stream, names, lineterminator="\n")
-    writer.writeheader()
-    for record in records:
-        safe = {k: spreadsheet_cell(visible(v)) if isinstance(v, str) else v for k, v in record.items()}
-        writer.writerow(safe)
-    return stream.getvalue()
+    contents = (record_table(records), table.to_markdown(), table.to_latex())
+    return dict(zip(POSITION_FILES, contents, strict=True))
+
+
+def record_table(records: Sequence[Mapping[str, Any]]) -> Table:
+    """Return a table with a row for each record; keys that a record lacks are empty cells."""
+    names = dict.fromkeys(name for record in records for name in record)
+    columns = {name: [record.get(name) for record in records] for name in names}
+    return Table(
+        {
+            name: [visible(item) if isinstance(item, str) else item for item in column]
+            for name, column in columns.items()
+        }
+    )
 
 
 def solution_content(result: SolutionLike) -> Mapping[str, Any]:

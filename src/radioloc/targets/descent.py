@@ -11,7 +11,6 @@ from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.dynamics import AdjustableOrbit
 from radioloc.estimation.status import Doubt
 from radioloc.lunar import cartesian_to_selenographic, east_north_up
-from radioloc.lunar.local import EAST_NORTH_UP, rot_pa_to_enu
 from radioloc.measurements.lunar_motion import lunar_motion
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.parameters.parameter import Parameter, Role
@@ -19,6 +18,7 @@ from radioloc.targets.doubts import FittedObservations, cut_off_doubts, height_d
 from radioloc.targets.orbit import GravityErrors, OnOrbit
 from radioloc.targets.orbit_state import OrbitState
 from radioloc.targets.surface_point import PositionFunction, PositionParameters
+from radioloc.targets.target import AtPlace
 from radioloc.time import Epochs
 from radioloc.vectors import Floats
 
@@ -50,7 +50,7 @@ class Ground:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Descent(OnOrbit):
+class Descent(AtPlace, OnOrbit):
     """A spacecraft that comes to rest on the Moon; the epoch of its orbit is the touchdown."""
 
     name: str
@@ -65,29 +65,10 @@ class Descent(OnOrbit):
     process_noise: None = None  #: its axes vanish with the velocity at the touchdown
     preceding: int = 0
 
-    @property
-    def has_place(self) -> bool:
-        """True: the target comes to rest at a place."""
-        return True
-
-    @property
-    def local_axes(self) -> tuple[str, str, str]:
-        """East, north and up."""
-        return EAST_NORTH_UP
-
-    def local_partials(self, x: Floats, tdb: Epochs, rot_pa_to_me: Floats) -> Floats:
-        """Return the partials of the place with respect to x, east, north and up, shape (1, 3, p)."""
-        position_pa_m, by_x = self.position(x)
-        return (rot_pa_to_enu(position_pa_m, rot_pa_to_me) @ by_x)[None]
-
     def doubts(self, x: Floats, fitted: FittedObservations) -> Iterator[Doubt]:
         """Doubt a descent as an orbit, or one that ends off the Moon's surface."""
         yield from cut_off_doubts(fitted)
         yield from height_doubts(float(np.linalg.norm(self.position(x)[0])) - MEAN_LUNAR_RADIUS_M)
-
-    def with_orbit(self, orbit: AdjustableOrbit) -> Descent:
-        """Return the target about another a-priori orbit of the same parameters."""
-        return replace(self, orbit=orbit)
 
     def estimate(
         self, x: Floats, covariance: Floats, sensitivity: Floats, errors: AdjustableOrbit | None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -23,27 +24,15 @@ class KnownTrajectory(WithoutForces):
 
     name: str  #: empty of the only one
     trajectory: AnyTrajectory
-
-    @property
-    def local_axes(self) -> tuple[str, str, str]:
-        """East, north and up; no component is estimated."""
-        return EAST_NORTH_UP
+    preceding: ClassVar[int] = 0
+    has_place: ClassVar[bool] = False
+    local_axes: ClassVar[tuple[str, str, str]] = EAST_NORTH_UP  # no component is estimated
 
     @property
     def parameters(self) -> list[Parameter]:
         """Offset in principal axes, held at zero."""
         name = f"offset.{self.name}" if self.name else "offset"
         return cartesian(np.zeros(3), role=Role.FIXED, name=name)[0]
-
-    @property
-    def preceding(self) -> int:
-        """Zero: the motion depends on no other target."""
-        return 0
-
-    @property
-    def has_place(self) -> bool:
-        """False: the target flies."""
-        return False
 
     @property
     def start(self) -> TrajectoryMotion:

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import ClassVar, Self
 
 import numpy as np
 
@@ -60,11 +61,8 @@ class OnOrbit:
     # From the parameters to changes of those of the orbit (q,), with partials (q, p).
     changes: PositionFunction
     errors: GravityErrors
-
-    @property
-    def local_axes(self) -> tuple[str, str, str]:
-        """Along, across and radial."""
-        return ALONG_ACROSS_RADIAL
+    has_place: ClassVar[bool] = False
+    local_axes: ClassVar[tuple[str, str, str]] = ALONG_ACROSS_RADIAL
 
     def local_partials(self, x: Floats, tdb: Epochs, rot_pa_to_me: Floats) -> Floats:
         """Return the partials of the states at epochs with respect to x, along, across and radial, shape (n, 6, p)."""
@@ -85,6 +83,10 @@ class OnOrbit:
     def orbit_at(self, x: Floats) -> AdjustableOrbit:
         """Return the orbit of parameters x."""
         return self.orbit.corrected(self.changes(x)[0])
+
+    def with_orbit(self, orbit: AdjustableOrbit) -> Self:
+        """Return the target about another a-priori orbit of the same parameters."""
+        return replace(self, orbit=orbit)  # type: ignore[type-var]
 
     def solved(self, target_values: Floats, x: Floats) -> Floats:
         """Return the parameters for target values of the orbit's parameters, starting at x."""
@@ -113,18 +115,9 @@ class TargetOrbit(OnOrbit):
     process_noise: ProcessNoise | None = None
     preceding: int = 0
 
-    @property
-    def has_place(self) -> bool:
-        """False: the target flies."""
-        return False
-
     def position(self, x: Floats) -> tuple[Floats, Floats]:
         """Return zeros: the target is at no place on the Moon."""
         return np.zeros(3), np.zeros((3, len(x)))
-
-    def with_orbit(self, orbit: AdjustableOrbit) -> TargetOrbit:
-        """Return the target about another a-priori orbit of the same parameters."""
-        return replace(self, orbit=orbit)
 
     def estimate(
         self, x: Floats, covariance: Floats, sensitivity: Floats, errors: AdjustableOrbit | None

@@ -13,13 +13,11 @@ from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.ephemeris import EphemerisConstants
 from radioloc.estimation.status import Doubt
 from radioloc.lunar import TerrainModel, cartesian_to_selenographic, east_north_up, rot_pa_to_me
-from radioloc.lunar.local import EAST_NORTH_UP, rot_pa_to_enu
 from radioloc.lunar.terrain import height_and_gradient
 from radioloc.measurements.target_motion import FixedPoint
 from radioloc.parameters.parameter import Parameter, Role
 from radioloc.targets.doubts import FittedObservations, place_doubts
-from radioloc.targets.target import WithoutForces, solve_parameters
-from radioloc.time import Epochs
+from radioloc.targets.target import AtPlace, WithoutForces, solve_parameters
 from radioloc.vectors import Floats
 
 logger = logging.getLogger(__name__)
@@ -31,7 +29,7 @@ PositionParameters = tuple[list[Parameter], PositionFunction]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SurfacePoint(WithoutForces):
+class SurfacePoint(AtPlace, WithoutForces):
     """A point fixed to the Moon, whose position follows from three parameters and those of the points before."""
 
     name: str
@@ -42,26 +40,11 @@ class SurfacePoint(WithoutForces):
     apriori_pa_m: Floats | None = None
 
     @property
-    def has_place(self) -> bool:
-        """True: the target is a place."""
-        return True
-
-    @property
-    def local_axes(self) -> tuple[str, str, str]:
-        """East, north and up."""
-        return EAST_NORTH_UP
-
-    @property
     def start(self) -> FixedPoint:
         """A-priori position."""
         if self.apriori_pa_m is not None:
             return FixedPoint(self.apriori_pa_m)
         return self.motion(np.array([item.prior_value for item in self.parameters]))[0]
-
-    def local_partials(self, x: Floats, tdb: Epochs, rot_pa_to_me: Floats) -> Floats:
-        """Return the partials of the place with respect to x, east, north and up, shape (1, 3, p)."""
-        position_pa_m, by_x = self.position(x)
-        return (rot_pa_to_enu(position_pa_m, rot_pa_to_me) @ by_x)[None]
 
     def motion(self, x: Floats) -> tuple[FixedPoint, Floats]:
         """Return the point at parameters x, and the partials of its position in principal axes."""

@@ -8,13 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol, Self, runtime_checkable
+from typing import ClassVar, Protocol, Self, runtime_checkable
 
 import numpy as np
 
 from radioloc.dynamics import AdjustableOrbit
 from radioloc.errors import InputError
 from radioloc.estimation.status import Doubt
+from radioloc.lunar.local import EAST_NORTH_UP, rot_pa_to_enu
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.target_motion import TargetMotion
 from radioloc.parameters.parameter import Parameter, Role
@@ -142,20 +143,27 @@ class Target(Protocol):
         """
 
 
+class AtPlace:
+    """Members of a target at a place on the Moon."""
+
+    __slots__ = ()
+    has_place: ClassVar[bool] = True
+    local_axes: ClassVar[tuple[str, str, str]] = EAST_NORTH_UP
+    # From the parameters to the place in principal axes, m, and its partials (3, p).
+    position: Callable[[Floats], tuple[Floats, Floats]]
+
+    def local_partials(self, x: Floats, tdb: Epochs, rot_pa_to_me: Floats) -> Floats:
+        """Return the partials of the place with respect to x, east, north and up, shape (1, 3, p)."""
+        position_pa_m, by_x = self.position(x)
+        return (rot_pa_to_enu(position_pa_m, rot_pa_to_me) @ by_x)[None]
+
+
 class WithoutForces:
     """Members of a target on which no forces act."""
 
     __slots__ = ()
-
-    @property
-    def orbit(self) -> None:
-        """Return None, as the motion does not follow from forces."""
-        return None
-
-    @property
-    def process_noise(self) -> None:
-        """Return None, as no accelerations act on the target."""
-        return None
+    orbit: ClassVar[None] = None
+    process_noise: ClassVar[None] = None
 
     def orbit_at(self, x: Floats) -> None:
         """Return None."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Protocol, TypeAlias, runtime_checkable
+from typing import ClassVar, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,6 +65,8 @@ class FixedPoint(TargetMotion):
     """
 
     position_pa_m: Floats  #: (3,), position in principal axes, m
+    trajectory: ClassVar[None] = None
+    path_key: ClassVar[None] = None
 
     def __post_init__(self) -> None:
         convert_fields(self)
@@ -74,16 +76,6 @@ class FixedPoint(TargetMotion):
                 f"position_pa_m: expected three finite coordinates in principal axes, m, got {position_pa_m.tolist()}"
             )
         set_fields(self, position_pa_m=position_pa_m)
-
-    @property
-    def trajectory(self) -> None:
-        """Trajectory, None for points."""
-        return None
-
-    @property
-    def path_key(self) -> Hashable:
-        """Key that is equal for all points."""
-        return None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

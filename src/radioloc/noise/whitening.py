@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
-from typing import Protocol, runtime_checkable
+from typing import ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -190,11 +190,7 @@ class StructuredWhitener:
 
     count: int  #: n, observations, used or not
     structures: tuple[Structure, ...]
-
-    @property
-    def filter(self) -> None:
-        """Return None: no further filter acts on the combinations."""
-        return None
+    filter: ClassVar[None] = None  # none acts on the combinations
 
     def _groups(self) -> Iterator[list[tuple[Structure, slice]]]:
         """Yield groups of parts of structures, of some thousand rows each."""

@@ -1,8 +1,11 @@
-"""Compiled loops: interpolation of exterior orientation, and the adjustment of images.
+"""Compiled loops: interpolation of exterior orientation, the adjustment of images, and their rectification.
 
 Observations of pixels in the adjustment are sorted by points, and those of a point by images. `first` has the index of
 the first observation of each point, and ends with the number of observations.
 """
+
+import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,3 +67,51 @@ def coupled(first: Indices, image: Indices, coupling: Floats, between: Floats, o
                 for p in range(8):
                     for q in range(8):
                         block[p, q] += s[p] * coupling[m, 0, q] + t[p] * coupling[m, 1, q]
+
+
+@compiled()
+def resampled(
+    nodes: Floats,
+    step: int,
+    shown: Any,
+    out: Any,
+    image: Any,
+    usable: Any,
+    reduction: int,
+    limits: tuple[float, float],
+) -> None:
+    """Set `out` to the image at the cells that are shown, and clear `shown` where no pixel is usable.
+
+    Pixels of cells are interpolated between nodes, (rows, columns, 2), a number of cells apart. The image has pixels,
+    repeated at its edges, or means of square blocks of them, extrapolated by one. With finite limits, values are whole.
+    """
+    size, blocks = np.array(usable.shape), np.array(image.shape)
+    beyond = 0.0 if reduction == 1 else 1.0
+    place, first, part = np.empty(2), np.empty(2, np.int64), np.empty(2)
+    for row in range(shown.shape[0]):
+        i, u = row // step, (row % step) / step
+        below = min(i + 1, nodes.shape[0] - 1)
+        for column in range(shown.shape[1]):
+            if not shown[row, column]:
+                continue
+            j, v = column // step, (column % step) / step
+            right = min(j + 1, nodes.shape[1] - 1)
+            for k in range(2):
+                upper = (1.0 - v) * nodes[i, j, 1 - k] + v * nodes[i, right, 1 - k]
+                lower = (1.0 - v) * nodes[below, j, 1 - k] + v * nodes[below, right, 1 - k]
+                place[k] = (1.0 - u) * upper + u * lower
+            y, x = math.floor(place[0] + 0.5), math.floor(place[1] + 0.5)
+            shown[row, column] = 0 <= y < size[0] and 0 <= x < size[1] and usable[int(y), int(x)]
+            if not shown[row, column]:
+                continue
+            for k in range(2):
+                at = (place[k] + 0.5) / reduction - 0.5
+                first[k] = max(min(int(at), blocks[k] - 2), 0)
+                part[k] = min(max(at - first[k], -beyond), 1.0 + beyond)
+            i_y, i_x = first[0], first[1]
+            next_y, next_x = min(i_y + 1, blocks[0] - 1), min(i_x + 1, blocks[1] - 1)
+            value = (1.0 - part[0]) * ((1.0 - part[1]) * image[i_y, i_x] + part[1] * image[i_y, next_x])
+            value += part[0] * ((1.0 - part[1]) * image[next_y, i_x] + part[1] * image[next_y, next_x])
+            out[row, column] = (
+                value if np.isinf(limits[0]) else min(max(np.rint(value), limits[0]), limits[1])
+            )

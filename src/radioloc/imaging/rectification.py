@@ -141,15 +141,13 @@ class PlaneView:
         )
 
     def pixels(self, angles: Floats, tolerance_m: float) -> tuple[Floats, Mask]:
-        """Return pixels of ground points, and whether the image shows them."""
+        """Return pixels of ground points, also beyond the image's edges, and whether each is ahead and on the lens."""
         places_m = self.plane.from_longitude_latitude(np.degrees(angles))
         pixels, visible = transformed(self.matrix, places_m), self._is_ahead(places_m)
         if self.camera is not None:
             pixels, on_lens = distorted(self.camera)(np.nan_to_num(pixels))
             visible &= on_lens
-        lines, samples = self.shape
-        in_image = (pixels >= -0.5) & (pixels < [samples - 0.5, lines - 0.5])
-        return pixels, np.asarray(visible & in_image.all(axis=1)) & _within(self.bounds, angles)
+        return pixels, visible & _within(self.bounds, angles)
 
     def _is_ahead(self, places_m: Floats) -> Mask:
         # Points in front of a camera above the plane have a third coordinate of the sign opposite to the determinant.
@@ -237,35 +235,41 @@ def rectified(
     Pixels much smaller than a cell are averaged. `mask` selects usable pixels of the image. With a tolerance, pixels
     are interpolated in squares of cells whose middle agrees with the corners.
     """
-    pixels, visible = _cell_pixels(view, grid, tolerance_px)
-    values = np.zeros(visible.shape, image.dtype)
-    if not visible.any():
-        return values, visible
-    steps = [np.hypot(*np.diff(pixels, axis=k)[_visible_pairs(visible, k)].T) for k in (0, 1)]
-    reduction = max(1, int(min((float(np.median(step)) for step in steps if len(step)), default=1.0)))
-    if mask is not None:
-        nearest = np.rint(pixels).astype(int).clip(0, np.array(mask.shape[::-1]) - 1)
-        visible &= mask[nearest[..., 1], nearest[..., 0]]
-    values[visible] = _averaged(image, pixels[visible], reduction)
+    from radioloc.imaging._kernels import resampled  # imports numba
+
+    counts = grid.rows, grid.columns
+    step = min(_MAX_SQUARE_CELLS, min(counts) // _MIN_SQUARES) if tolerance_px else 1
+    step = step if step >= _MIN_SQUARE_CELLS else 1
+    nodes = [step * np.arange(-(-n // step) + 1.0) for n in counts]
+    corners, shown = _exact_pixels(view, grid, *np.meshgrid(*nodes, indexing="ij"))
+    in_image = ((corners >= -0.5) & (corners < np.array(image.shape[::-1]) - 0.5)).all(axis=-1)
+    part, reduction = _reduced(image, corners, shown & in_image, step)
+    usable = np.ones(image.shape, bool) if mask is None else mask
+    limits = np.iinfo(image.dtype) if image.dtype.kind in "iu" else None
+    bounds = (-np.inf, np.inf) if limits is None else (float(limits.min), float(limits.max))
+    values, visible, calculated = (
+        np.zeros(counts, image.dtype),
+        shown[:-1, :-1].copy(),
+        np.zeros(counts, bool),
+    )
+    if step > 1:
+        visible, calculated = _smooth_cells(view, grid, nodes, corners, shown, tolerance_px)
+    resampled(corners, step, visible, values, part, usable, reduction, bounds)
+    if calculated.any():
+        pixels, exact = _exact_pixels(view, grid, *(cells[np.newaxis] for cells in np.nonzero(calculated)))
+        exact_values = np.zeros(exact.shape, image.dtype)
+        resampled(pixels, 1, exact, exact_values, part, usable, reduction, bounds)
+        values[calculated], visible[calculated] = exact_values[0], exact[0]
     return values, visible
 
 
-def _visible_pairs(visible: Mask, axis: int) -> Mask:
-    """Select neighbours along an axis that are both visible."""
-    first, second = (np.take(visible, np.arange(visible.shape[axis] - 1) + k, axis) for k in (0, 1))
-    return np.asarray(first & second)
-
-
-def _cell_pixels(view: View, grid: MapGrid, tolerance_px: float) -> tuple[Floats, Mask]:
-    """Return pixels, shape (rows, columns, 2), and visibility of cells."""
+def _smooth_cells(
+    view: View, grid: MapGrid, nodes: list[Floats], corners: Floats, shown: Mask, tolerance_px: float
+) -> tuple[Mask, Mask]:
+    """Select the cells of squares in which pixels are interpolated, and those of squares that an edge may cross."""
     from scipy.ndimage import binary_dilation
 
-    counts = grid.rows, grid.columns
-    step = min(_MAX_SQUARE_CELLS, min(counts) // _MIN_SQUARES)
-    if step < _MIN_SQUARE_CELLS or not tolerance_px:
-        return _exact_pixels(view, grid, *np.indices(counts, np.float64))
-    nodes = [step * np.arange(-(-n // step) + 1.0) for n in counts]
-    corners, shown = _exact_pixels(view, grid, *np.meshgrid(*nodes, indexing="ij"))
+    step = int(nodes[0][1])
     middles = np.meshgrid(*(part[:-1] + 0.5 * step for part in nodes), indexing="ij")
     middle, middle_shown = _exact_pixels(view, grid, *middles)
     ends = slice(None, -1), slice(1, None)
@@ -273,15 +277,8 @@ def _cell_pixels(view: View, grid: MapGrid, tolerance_px: float) -> tuple[Floats
     visibles = np.array([*(shown[i, j] for i in ends for j in ends), middle_shown])
     smooth = visibles.all(axis=0) & (np.abs(mean - middle).max(axis=-1) < tolerance_px)
     mixed = binary_dilation(visibles.any(axis=0), np.ones((3, 3))) & ~smooth
-    pixels = corners
-    for axis, n in enumerate(counts):
-        number, cell = np.divmod(np.arange(n), step)
-        part = np.expand_dims(cell / step, tuple({0, 1, 2} - {axis}))
-        pixels = np.take(pixels, number, axis) * (1.0 - part) + np.take(pixels, number + 1, axis) * part
-    kinds: Mask = np.repeat(np.repeat(np.array([smooth, mixed]), step, axis=1), step, axis=2)
-    visible, calculated = kinds[0, : counts[0], : counts[1]], kinds[1, : counts[0], : counts[1]]
-    pixels[calculated], visible[calculated] = _exact_pixels(view, grid, *np.nonzero(calculated))
-    return pixels, visible
+    kinds = np.repeat(np.repeat(np.array([smooth, mixed]), step, axis=1), step, axis=2)
+    return kinds[0, : grid.rows, : grid.columns].copy(), kinds[1, : grid.rows, : grid.columns]
 
 
 def _exact_pixels(view: View, grid: MapGrid, rows: Any, columns: Any) -> tuple[Floats, Mask]:
@@ -293,31 +290,20 @@ def _exact_pixels(view: View, grid: MapGrid, rows: Any, columns: Any) -> tuple[F
     return pixels.reshape(*rows.shape, 2), visible.reshape(rows.shape)
 
 
-def _averaged(image: NDArray[Any], pixels: Floats, reduction: int) -> NDArray[Any]:
-    """Return the image at pixels, shape (n, 2), with means of square blocks of pixels."""
+def _reduced(image: NDArray[Any], pixels: Floats, visible: Mask, step: int) -> tuple[NDArray[Any], int]:
+    """Return an image by means of square blocks as wide as cells, and the width of a block, for pixels of cells."""
+    widths = [
+        np.hypot(*np.diff(pixels, axis=k)[visible.take(range(n - 1), k) & visible.take(range(1, n), k)].T)
+        for k, n in enumerate(visible.shape)
+    ]
+    medians = (float(np.median(width)) / step for width in widths if len(width))
+    reduction = max(1, int(min(medians, default=1.0)))
     width, height = np.array(image.shape[::-1]) // reduction
     if reduction == 1 or not width * height:
-        return interpolated(image, pixels)
+        return image.astype(image.dtype.newbyteorder("="), copy=False), 1
     part = image[: height * reduction, : width * reduction].astype(np.float32)
     means = load_opencv().resize(part, (width, height), interpolation=load_opencv().INTER_AREA)
-    # Half a block at the edges is extrapolated linearly.
-    means = np.pad(means.reshape(height, width), 1, mode="reflect", reflect_type="odd")
-    return _in_type(interpolated(means, (pixels + 0.5) / reduction + 0.5), image.dtype)
-
-
-def interpolated(image: NDArray[Any], pixels: Floats) -> NDArray[Any]:
-    """Return the image at pixels, shape (n, 2), by bilinear interpolation; outer pixels are repeated outside."""
-    from scipy.ndimage import map_coordinates
-
-    values = map_coordinates(image, pixels.T[::-1], np.float64, order=1, mode="nearest")
-    return _in_type(np.asarray(values), image.dtype)
-
-
-def _in_type(values: Floats, dtype: np.dtype[Any]) -> NDArray[Any]:
-    """Return values in a type, rounded to its whole numbers."""
-    if dtype.kind in "iu":
-        values = np.clip(np.rint(values), np.iinfo(dtype).min, np.iinfo(dtype).max)
-    return values.astype(dtype)
+    return means.reshape(height, width), reduction
 
 
 @contextmanager
@@ -328,9 +314,16 @@ def new_cog(path: str | Path, grid: MapGrid, dtype: Any) -> Iterator[Any]:
 
     with scratch_folder() as folder, rasterio.Env(GDAL_TIFF_INTERNAL_MASK=True):
         parts = folder / "parts.tif"
-        with new_geotiff(parts, grid.crs, grid.transform, (grid.rows, grid.columns), dtype) as file:
+        with new_geotiff(
+            parts, grid.crs, grid.transform, (grid.rows, grid.columns), dtype, compress=None
+        ) as file:
             yield file
         predictor = "FLOATING_POINT" if np.issubdtype(dtype, np.floating) else "STANDARD"
-        options = {"compress": "DEFLATE", "predictor": predictor, "overview_resampling": "AVERAGE"}
+        options = {
+            "compress": "DEFLATE",
+            "level": 1,
+            "predictor": predictor,
+            "overview_resampling": "AVERAGE",
+        }
         with replaced_file(path) as temporary:
-            copy(parts, temporary, driver="COG", **options)
+            copy(parts, temporary, driver="COG", num_threads="ALL_CPUS", **options)

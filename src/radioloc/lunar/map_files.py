@@ -141,6 +141,7 @@ def new_geotiff(
     dtype: Any,
     nodata: float | None = None,
     bands: int = 1,
+    compress: str | None = "deflate",
 ) -> Any:
     """Open a GeoTIFF to be written by parts, in blocks of 512 cells."""
     profile = {
@@ -148,7 +149,7 @@ def new_geotiff(
         "nodata": nodata, "tiled": True, "blockxsize": _BLOCK_CELLS, "blockysize": _BLOCK_CELLS,
     }  # fmt: skip
     predictor = 3 if np.issubdtype(dtype, np.floating) else 2
-    return load_rasterio().open(path, "w", driver="GTiff", compress="deflate", predictor=predictor, **profile)
+    return load_rasterio().open(path, "w", driver="GTiff", compress=compress, predictor=predictor, **profile)
 
 
 def _label(path: Path, driver: str) -> str:

@@ -32,7 +32,7 @@ def nees_of_position(problem, noise):
     """Return the expected NEES of the position over 3, for a fit with process noise of drawn gravity errors."""
     x, rows = problem.model.parameters.prior_values, np.arange(len(problem.predictor.observations))
     orbits = problem.orbits_with_gravity_errors(x)
-    errors_m = problem.suboptimal_errors(problem.model, x, orbits).partials(rows)
+    errors_m = problem.unadjusted_errors(problem.model, x, orbits).partials(rows)
     by_process = IndependentAccelerations.from_problem(
         StochasticProblem.linearized_about(problem.model, noise, x)
     ).effects_m(rows)

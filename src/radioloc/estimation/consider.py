@@ -108,7 +108,7 @@ class ReportedEstimate:
 
 
 def reported_estimate(
-    fit: FitResult, covariance: Floats, suboptimal: ConsideredErrors | None
+    fit: FitResult, covariance: Floats, unadjusted: ConsideredErrors | None
 ) -> ReportedEstimate:
     """Separate the estimate from the considered parameters, whose errors are a part of `covariance` (all, all)."""
     considered = fit.parameters.considered
@@ -122,9 +122,9 @@ def reported_estimate(
     shifts[np.isinf(np.diag(formal))] = 0.0
     formal, scaled = (_subtract(matrix, shifts @ shifts.T) for matrix in (formal, scaled))
     in_weights = tuple(dict.fromkeys(item.kind for item in items))
-    if suboptimal is not None:
-        shifts = np.hstack([shifts, sensitivity(fit, suboptimal).sensitivity[estimated]])
-        items += suboptimal.parameters.parameters
+    if unadjusted is not None:
+        shifts = np.hstack([shifts, sensitivity(fit, unadjusted).sensitivity[estimated]])
+        items += unadjusted.parameters.parameters
     return ReportedEstimate(
         ParameterSet([fit.parameters.parameters[k] for k in estimated]),
         fit.x[estimated],
@@ -135,10 +135,10 @@ def reported_estimate(
     )
 
 
-def sensitivity(fit: FitResult, suboptimal: ConsideredErrors) -> Consider:
+def sensitivity(fit: FitResult, unadjusted: ConsideredErrors) -> Consider:
     """Return the effect on all parameters of a fit of errors that are not in its weights, S = P A^T W B."""
-    shifts = consider_sensitivity(fit, suboptimal.partials, len(suboptimal.parameters))
-    return Consider(suboptimal.parameters, shifts * suboptimal.parameters.prior_sigmas)
+    shifts = consider_sensitivity(fit, unadjusted.partials, len(unadjusted.parameters))
+    return Consider(unadjusted.parameters, shifts * unadjusted.parameters.prior_sigmas)
 
 
 def _subtract(covariance: Floats, part: Floats) -> Floats:

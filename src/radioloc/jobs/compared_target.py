@@ -105,13 +105,13 @@ class ComparedTarget:
         x: _Floats,
         orbits: GravityErrorOrbits,
         names: Sequence[str],
-        suboptimal: ParameterSet | None,
+        unadjusted: ParameterSet | None,
     ) -> Compared:
         """Return the comparison of estimates linearized at x, where errors outside the weights change the truth."""
         problem, by_drawn = part.problem, self.drawn_moves(part, names)
         model, reported = problem.model, problem.reported_count
-        assert problem.estimate is not None
-        count = 0 if suboptimal is None else len(suboptimal)
+        assert problem.choice is not None
+        count = 0 if unadjusted is None else len(unadjusted)
         if not self.compares_states:
             place_m, enu_pa = self._true_place(part, x)
             return Compared(
@@ -120,15 +120,15 @@ class ComparedTarget:
                 by_drawn=by_drawn,
                 by_considered=np.zeros((1, 3, count)),
                 offset_m=np.zeros((1, 3)),
-                added_m2=np.diag(np.array(problem.estimate.ephemeris_sigma_m) ** 2),
+                added_m2=np.diag(np.array(problem.choice.ephemeris_sigma_m) ** 2),
                 height_m=float(np.linalg.norm(place_m)) - MEAN_LUNAR_RADIUS_M,
             )
         tdb, truth = self.epochs(part), self._trajectory
         estimate = self.target.orbit_at(x[model.columns_of(self.index)])
         assert estimate is not None
         by_considered = np.zeros((len(tdb), 6, count))
-        if suboptimal is not None and self.index in orbits:
-            of_gravity = own_gravity_errors(suboptimal, orbits, model, self.index)
+        if unadjusted is not None and self.index in orbits:
+            of_gravity = own_gravity_errors(unadjusted, orbits, model, self.index)
             direct = along_across_radial(estimate, tdb, orbits[self.index].effects(tdb))
             by_considered[..., of_gravity] = -direct  # it is the truth that they move
         difference = np.hstack(truth.states(tdb)) - np.hstack(estimate.states(tdb))

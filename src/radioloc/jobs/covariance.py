@@ -159,8 +159,8 @@ class _Plan:
             if like is None
             else like.with_gravity_errors
         )
-        suboptimal = [item for _, items in problem.suboptimal for item in items]
-        notes += planning_notes(predictor, left_out, [*problem.model.parameters, *suboptimal])
+        unadjusted = [item for _, items in problem.unadjusted_blocks for item in items]
+        notes += planning_notes(predictor, left_out, [*problem.model.parameters, *unadjusted])
         return cls(study, problem, usable, tuple(notes), orbits, errors)
 
     def fit(self, part: ArcPart) -> PlannedFit:
@@ -248,8 +248,8 @@ def _better_known(fit: PlannedFit, target: int) -> Iterator[Improvement]:
 
     arc, parameters = fit.planned(target), fit.parameters
     in_weights = [item for item in parameters if item.role is Role.CONSIDERED]
-    suboptimal = () if fit.suboptimal is None else fit.suboptimal.parameters
-    for kind in dict.fromkeys(item.kind for item in (*in_weights, *suboptimal)):
+    unadjusted = () if fit.unadjusted_errors is None else fit.unadjusted_errors.parameters
+    for kind in dict.fromkeys(item.kind for item in (*in_weights, *unadjusted)):
         owners = dict[str, list[str]]()
         for item in in_weights:
             if item.kind == kind:

@@ -72,7 +72,7 @@ class LinearArc:
     order: SeriesOrder
     estimate: EstimateChoice
     # (m, c), effects of considered errors that are not in the weights, each of one sigma.
-    suboptimal_m: _Floats
+    unadjusted_m: _Floats
     # (3 points,), of a-priori positions that are drawn about the truth.
     drawn_prior_sigmas: _Floats | None = None
 
@@ -132,12 +132,12 @@ class LinearTrials:
     def _rows(self, arc: LinearArc, edited: EditedFit, errors: _Floats) -> list[_Floats]:
         fit, count = edited.fit, arc.compared[0].by_parameters.shape[-1]
         covariance = estimated_covariance(edited, arc.order)[0][:count, :count]
-        moved = consider_sensitivity(fit, lambda rows: arc.suboptimal_m[rows], arc.suboptimal_m.shape[1])[
+        moved = consider_sensitivity(fit, lambda rows: arc.unadjusted_m[rows], arc.unadjusted_m.shape[1])[
             :count
         ]
         x, sigmas = fit.x[:count], np.sqrt(np.diag(covariance + moved @ moved.T))
         doubts = list(
-            misfits(edited, np.hypot(arc.noise.sigma_m, np.linalg.norm(arc.suboptimal_m, axis=1)), arc.order)
+            misfits(edited, np.hypot(arc.noise.sigma_m, np.linalg.norm(arc.unadjusted_m, axis=1)), arc.order)
         )
         results, determined = list[tuple[_Floats, _Floats]](), True
         for compared in arc.compared:

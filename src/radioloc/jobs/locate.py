@@ -125,7 +125,7 @@ def fit_arc(
 @on_one_blas_thread()
 def solve(problem: EstimationProblem, not_selected: dict[str, int], *, consistency: bool = True) -> Solution:
     """Fit a problem and build its solution; `not_selected` counts observations of the files by reason."""
-    status, codes = usability(problem.predictor, problem.start)
+    status, codes = usability(problem.predictor, problem.prior_motions)
     with step(f"fitting {len(problem.predictor.observations)} observations"):
         edited, stochastic = _estimate(problem, status, codes)
     model = problem.model if stochastic is None else stochastic.with_process
@@ -137,10 +137,10 @@ def solve(problem: EstimationProblem, not_selected: dict[str, int], *, consisten
     )
     # The effects of gravity errors on an orbit take seconds; the parameters' sigmas and those over the arc share them.
     orbits = problem.orbits_with_gravity_errors(edited.fit.x)
-    if problem.estimate is not None and problem.estimate.weights == "correlated":
+    if problem.choice is not None and problem.choice.weights == "correlated":
         edited = fit_with_correlated_weights(model.linearize, edited, problem.order)
-    suboptimal = problem.suboptimal_errors(model, edited.fit.x, orbits)
-    fitted = _Fit(problem, model, edited, stochastic, orbits, suboptimal)
+    unadjusted = problem.unadjusted_errors(model, edited.fit.x, orbits)
+    fitted = _Fit(problem, model, edited, stochastic, orbits, unadjusted)
     with step("testing the residuals"):
         solution = _build(fitted, consistency)
         if consistency:
@@ -157,7 +157,7 @@ class _Fit:
     edited: EditedFit
     stochastic: StochasticProblem | None
     orbits: GravityErrorOrbits  # with the considered errors of their gravity fields
-    suboptimal: ConsideredErrors | None  # considered errors that are not in the weights
+    unadjusted_errors: ConsideredErrors | None  # considered errors that are not in the weights
 
     @property
     def x(self) -> NDArray[np.float64]:
@@ -183,9 +183,11 @@ class _Fit:
     def doubts(self) -> list[Doubt]:
         """Reasons why the estimate cannot be used although the fit converged."""
         problem, edited = self.problem, self.edited
-        if problem.estimate is None:
+        if problem.choice is None:
             return []
-        doubts = [*misfits(edited, with_considered(problem.noise.sigma_m, self.suboptimal), problem.order)]
+        doubts = [
+            *misfits(edited, with_considered(problem.noise.sigma_m, self.unadjusted_errors), problem.order)
+        ]
         for k, target in enumerate(self.model.targets):
             fitted = FittedObservations(
                 self.model.predictor,
@@ -207,7 +209,7 @@ class _Fit:
 
 def _build(fitted: _Fit, consistency: bool) -> Solution:
     problem, model, x = fitted.problem, fitted.model, fitted.x
-    study, estimate, predictor = problem.study, problem.estimate, model.predictor
+    study, estimate, predictor = problem.study, problem.choice, model.predictor
     observations, constants = predictor.observations, predictor.model.ephemeris.constants
     reported = ~model.parameters.considered
     places = model.place_indices
@@ -239,7 +241,7 @@ def _build(fitted: _Fit, consistency: bool) -> Solution:
         consistency=consistency,
         ephemeris_sigma_enu_m=np.zeros(3) if estimate is None else np.array(estimate.ephemeris_sigma_m),
         name=study.name,
-        considered=fitted.suboptimal,
+        considered=fitted.unadjusted_errors,
         candidates=problem.fixed_parameter_errors(model, x, fitted.orbits)
         if consistency and estimate is not None
         else None,
@@ -252,12 +254,14 @@ def _build(fitted: _Fit, consistency: bool) -> Solution:
 def _complete(fitted: _Fit, solution: Solution, not_selected: dict[str, int]) -> Solution:
     """Add states of orbits, comparisons with known positions, notes, provenance, and the verdict by sigma."""
     problem, model, x = fitted.problem, fitted.model, fitted.x
-    study, estimate, predictor = problem.study, problem.estimate, model.predictor
+    study, estimate, predictor = problem.study, problem.choice, model.predictor
     covariance, consider = solution.parameter_covariance(), solution.consider
     states = {k: orbit_state(model, k, x, covariance, consider, fitted.orbits) for k in model.orbit_indices}
     if fitted.stochastic is not None:
         [k] = states
-        states[k] = fitted.stochastic.smoothed(states[k], fitted.edited, problem.order, fitted.suboptimal)
+        states[k] = fitted.stochastic.smoothed(
+            states[k], fitted.edited, problem.order, fitted.unadjusted_errors
+        )
     trajectory = solution.trajectory
     if states and not model.place_indices:
         trajectory = ", ".join(str(state.orbit) for state in states.values())
@@ -265,7 +269,7 @@ def _complete(fitted: _Fit, solution: Solution, not_selected: dict[str, int]) ->
     comparisons = [compare_with(solution, xyz_m, name) for name, xyz_m in known_positions(study, constants)]
     if fitted.fits:
         solution = mark_if_unobservable(solution)
-    notes = [*coordinate_doubts(predictor, problem.start, fitted.edited.fit.used, fitted.fits)]
+    notes = [*coordinate_doubts(predictor, problem.prior_motions, fitted.edited.fit.used, fitted.fits)]
     considered = None if solution.consider is None else solution.consider.parameters
     notes += study_notes(study, predictor, not_selected, estimate, fitted.edited, considered)
     notes += problem.notes
@@ -273,7 +277,9 @@ def _complete(fitted: _Fit, solution: Solution, not_selected: dict[str, int]) ->
         findings = (*axes_mistakes(study, solution, constants), *solution.consistency.findings)
         solution = replace(solution, consistency=replace(solution.consistency, findings=findings))
     if estimate is not None:
-        moved_m = np.linalg.norm(positions_pa_m(fitted.motions) - positions_pa_m(problem.start), axis=-1)
+        moved_m = np.linalg.norm(
+            positions_pa_m(fitted.motions) - positions_pa_m(problem.prior_motions), axis=-1
+        )
         notes += search_hints(study, solution, float(moved_m.max()))
     return replace(
         solution,
@@ -306,7 +312,7 @@ def _estimate(
     problem: EstimationProblem, status: Labels, codes: NDArray[np.int8]
 ) -> tuple[EditedFit, StochasticProblem | None]:
     """Return the edited fit, and its problem if the orbit has stochastic accelerations."""
-    model, estimate = problem.model, problem.estimate
+    model, estimate = problem.model, problem.choice
     if estimate is None:
         fit = fit_with_editing(
             model.linearize, model.parameters, problem.noise, status=status, threshold=None

@@ -75,7 +75,7 @@ class Mistake:
 
 def with_mistake(problem: EstimationProblem, solution: Solution, edited: EditedFit) -> Solution:
     """Return a solution whose finding is the mistake that explains the observations, if there is any."""
-    if problem.estimate is None or problem.process_noise is not None:
+    if problem.choice is None or problem.process_noise is not None:
         return solution
     is_right = solution.converged and not solution.consistency.findings
     if is_right and not _is_mostly_unused(problem, edited.fit.used):
@@ -296,7 +296,7 @@ class _Predictions:
         return self.models[id(corrected)]
 
     def _prepared(self, corrected: Observations | None) -> ObservationModel | None:
-        predictor, estimate = self.predictor, self.problem.estimate
+        predictor, estimate = self.predictor, self.problem.choice
         assert estimate is not None  # checked by the caller
         try:
             if corrected is not None:

@@ -277,7 +277,7 @@ def provenance(
 ) -> dict[str, Any]:
     """Return versions, files, choices and kernels of a fit, and how observations at its estimate were computed."""
     evaluation: dict[str, Any] = {"kind": "exact"}
-    if isinstance(simple := predictor.simple, ChebyshevPredictor):
+    if isinstance(simple := predictor.uncombined, ChebyshevPredictor):
         evaluation = {"kind": "interpolated", **asdict(simple.check(motions))}
     model, chosen = predictor.model, study.model
     height = None if estimate is None else estimate.height_prior

@@ -87,10 +87,10 @@ class PlannedFit:
         return replace(self, parameters=ParameterSet(items))
 
     @cached_property
-    def suboptimal(self) -> ConsideredErrors | None:
+    def unadjusted_errors(self) -> ConsideredErrors | None:
         """Considered errors that are left out of the weights."""
         problem = self.part.problem
-        return problem.suboptimal_errors(problem.model, problem.model.parameters.prior_values, self.orbits)
+        return problem.unadjusted_errors(problem.model, problem.model.parameters.prior_values, self.orbits)
 
     @cached_property
     def fit(self) -> FitResult:
@@ -131,18 +131,18 @@ class PlannedFit:
             missing = assess_observability(fit).describe()[:1]
             return PlannedArc(part.hours, part.span_h, count, (), missing, axes)
         covariance = np.where(np.isfinite(fit.covariance), fit.covariance, 0.0)
-        by_suboptimal = None if self.suboptimal is None else sensitivity(fit, self.suboptimal)
-        state = self._state(target, covariance, by_suboptimal) if axes == ALONG_ACROSS_RADIAL else None
+        consider_effects = (
+            None if self.unadjusted_errors is None else sensitivity(fit, self.unadjusted_errors)
+        )
+        state = self._state(target, covariance, consider_effects) if axes == ALONG_ACROSS_RADIAL else None
         sources = error_budget(
             self.parameters,
             partials,
             partials @ covariance @ np.swapaxes(partials, -1, -2),
             prior_effects(fit),
-            by_suboptimal,
-            np.zeros(3)
-            if part.problem.estimate is None
-            else np.array(part.problem.estimate.ephemeris_sigma_m),
-            0.0 if by_suboptimal is None else self._direct_effects_m(target, state, by_suboptimal),
+            consider_effects,
+            np.zeros(3) if part.problem.choice is None else np.array(part.problem.choice.ephemeris_sigma_m),
+            0.0 if consider_effects is None else self._direct_effects_m(target, state, consider_effects),
         )
         return PlannedArc(part.hours, part.span_h, count, sources, (), axes, state)
 
@@ -160,12 +160,12 @@ class PlannedFit:
             partials[..., count:] = along_across_radial(orbit, self._epochs, of_process)[:, :3]
         return partials
 
-    def _state(self, target: int, covariance: Floats, by_suboptimal: Consider | None) -> OrbitState:
+    def _state(self, target: int, covariance: Floats, consider_effects: Consider | None) -> OrbitState:
         """Return the state of an orbit with its total covariance and that of the process noise."""
         model = self.part.problem.model
         x, count = model.parameters.prior_values, len(model.parameters)
-        total = covariance if by_suboptimal is None else covariance + by_suboptimal.covariance
-        state = orbit_state(model, target, x, total, by_suboptimal, self.orbits)
+        total = covariance if consider_effects is None else covariance + consider_effects.covariance
+        state = orbit_state(model, target, x, total, consider_effects, self.orbits)
         if self.process is None:
             return state
         columns = model.columns_of(target)
@@ -177,14 +177,14 @@ class PlannedFit:
         )
 
     def _direct_effects_m(
-        self, target: int, state: OrbitState | None, by_suboptimal: Consider
+        self, target: int, state: OrbitState | None, consider_effects: Consider
     ) -> Floats | float:
         """Return the effects (q, 3, c) of errors that move the true orbit, and not only the estimate."""
         if state is None:
             return 0.0
-        effects = np.zeros((len(self._epochs), 3, len(by_suboptimal.parameters)))
+        effects = np.zeros((len(self._epochs), 3, len(consider_effects.parameters)))
         model = self.part.problem.model
-        of_gravity = own_gravity_errors(by_suboptimal.parameters, self.orbits, model, target)
+        of_gravity = own_gravity_errors(consider_effects.parameters, self.orbits, model, target)
         moved = (state.disturbed or state.orbit).effects(self._epochs)
         effects[..., of_gravity] = -along_across_radial(state.orbit, self._epochs, moved)[:, :3]
         return effects

@@ -33,7 +33,7 @@ from radioloc.jobs.problem import (
     ArcPart,
     EstimationProblem,
     arc_parts,
-    considered_choices,
+    considered_parameters,
     require_position_or_orbit,
 )
 from radioloc.jobs.simulate import build_scenario, names_in_scenario, planned_orbits
@@ -113,7 +113,7 @@ class Prepared:
             if isinstance(record, LunarPosition):
                 position_in_pa("[simulation.position]", record, model.ephemeris.constants)
         names = names_in_scenario(study, scenario)
-        world = scenario.world(model, partial(considered_choices, study))
+        world = scenario.world(model, partial(considered_parameters, study))
         orbits = planned_orbits(study, scenario, model)
         observations = replace(study.observations, hours=hours[-1])
         whole_study = replace(study, reference=None, references=(), observations=observations)
@@ -161,8 +161,8 @@ class Prepared:
         for part, x in zip(self.parts, truths, strict=True):
             problem = part.problem
             predictor = problem.predictor.with_values(value_m[part.rows])
-            assert problem.estimate is not None
-            estimate = self._with_drawn_priors(problem.estimate, seed)
+            assert problem.choice is not None
+            estimate = self._with_drawn_priors(problem.choice, seed)
             drawn = EstimationProblem.from_study(problem.study, predictor, estimate, problem.noise)
             solution = solve(drawn, {}, consistency=False)
             sigmas, total = solution.sigmas(), solution.fit.total
@@ -233,7 +233,7 @@ class Prepared:
     ) -> LinearArc | None:
         """Return an arc linearized at the truth; None where its partials are not finite."""
         problem = part.problem
-        model, noise, estimate, count = problem.model, problem.noise, problem.estimate, problem.reported_count
+        model, noise, estimate, count = problem.model, problem.noise, problem.choice, problem.reported_count
         assert estimate is not None
         x = true_parameters(problem, self.targets)
         rows = np.arange(len(part.rows))
@@ -260,24 +260,24 @@ class Prepared:
         )
         if linear is None:
             return None
-        suboptimal = problem.suboptimal_errors(model, x, orbits)
-        suboptimal_m, suboptimal_set = np.zeros((len(rows), 0)), None
-        if suboptimal is not None:
-            suboptimal_set = suboptimal.parameters
-            suboptimal_m = suboptimal.partials(rows) * suboptimal_set.prior_sigmas
+        unadjusted = problem.unadjusted_errors(model, x, orbits)
+        unadjusted_m, unadjusted_parameters = np.zeros((len(rows), 0)), None
+        if unadjusted is not None:
+            unadjusted_parameters = unadjusted.parameters
+            unadjusted_m = unadjusted.partials(rows) * unadjusted_parameters.prior_sigmas
         return LinearArc(
             part=part.rows,
             problem=linear,
             parameters=parameters,
             held_m=held_m,
             compared=tuple(
-                target.compared(part, x, orbits, self.world.drawn.names, suboptimal_set)
+                target.compared(part, x, orbits, self.world.drawn.names, unadjusted_parameters)
                 for target in self.targets
             ),
             noise=noise,
             status=Labels((~usable).astype(np.int32), (USED, "not usable")),
             order=problem.order,
             estimate=replace(estimate, height_prior=None),  # which is in the parameters; a map is large
-            suboptimal_m=suboptimal_m,
+            unadjusted_m=unadjusted_m,
             drawn_prior_sigmas=self._drawn_prior_sigmas(estimate),
         )

@@ -11,7 +11,7 @@ from radioloc.dynamics import AdjustableOrbit
 from radioloc.errors import InputError
 from radioloc.jobs.one_thread import on_one_blas_thread
 from radioloc.jobs.preparation import build_model
-from radioloc.jobs.problem import considered_choices
+from radioloc.jobs.problem import considered_parameters
 from radioloc.jobs.study_targets import described_target
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.link import canonical_target
@@ -57,7 +57,7 @@ def simulate(study: Study | str | Path, seed: int | None = None, *, draw_errors:
     """
     study = as_study(study)
     scenario = build_scenario(study)
-    considered = partial(considered_choices, study)
+    considered = partial(considered_parameters, study)
     if not draw_errors:  # partials with respect to undrawn errors take hundreds of megabytes at 1 Hz
         scenario = replace(scenario, truth_sigma=TruthSigma(considered=False))
     return scenario.world(build_model(study), considered).draw(seed=seed, draw_errors=draw_errors)

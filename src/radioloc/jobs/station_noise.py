@@ -90,7 +90,7 @@ class NoiseSource(Protocol):
         ...
 
 
-def noise_of(study: Study, predictor: Predictor) -> ObservationCovariance:
+def observation_covariance(study: Study, predictor: Predictor) -> ObservationCovariance:
     """Covariance of a study's arc: that of its observations, and the terms of tables of other packages."""
     sources = [record for record in study.extensions.values() if isinstance(record, NoiseSource)]
     return stated_noise(predictor, study.observations).plus(

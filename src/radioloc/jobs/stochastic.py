@@ -124,7 +124,7 @@ class StochasticProblem:
         return True
 
     def smoothed(
-        self, state: OrbitState, fitted: EditedFit, order: SeriesOrder, suboptimal: ConsideredErrors | None
+        self, state: OrbitState, fitted: EditedFit, order: SeriesOrder, unadjusted: ConsideredErrors | None
     ) -> OrbitState:
         """Return the state of the smoothed orbit, with errors by interval where all is determined."""
         fit = fitted.fit
@@ -138,15 +138,15 @@ class StochasticProblem:
         joint, sigmas = estimated_covariance(fitted, order)[0][np.ix_(free, free)], np.zeros(0)
         if not np.isfinite(joint).all():
             return state
-        if suboptimal is not None:
+        if unadjusted is not None:
             # Their errors are those of the assumed values, which residuals have with the other sign.
-            sigmas = suboptimal.parameters.prior_sigmas
-            moved = consider_sensitivity(fit, suboptimal.partials, len(sigmas))[free] * sigmas
+            sigmas = unadjusted.parameters.prior_sigmas
+            moved = consider_sensitivity(fit, unadjusted.partials, len(sigmas))[free] * sigmas
             joint = np.block([[joint + moved @ moved.T, -moved], [-moved.T, np.eye(len(sigmas))]])
 
         def partials(rows: NDArray[np.intp]) -> Floats:
             by_free = design.partials(rows)[:, free]
-            return by_free if suboptimal is None else np.hstack([by_free, suboptimal.partials(rows) * sigmas])
+            return by_free if unadjusted is None else np.hstack([by_free, unadjusted.partials(rows) * sigmas])
 
         smoothed = fit.whitening.smoothed(partials, design.residual_m, joint)
         # From errors of free and considered parameters, of the deviation and the acceleration.

@@ -89,8 +89,8 @@ class CombinedPredictor(Predictor):
         self.parts, self.inner = parts, inner
 
     @property
-    def simple(self) -> Predictor:
-        """Return the predictor of the simple observations."""
+    def uncombined(self) -> Predictor:
+        """Predictor of the observations before they are combined."""
         return self.inner
 
     @property

@@ -160,8 +160,8 @@ class Predictor(ABC):
         self._directions = directions  # of sources at infinity, by link
 
     @property
-    def simple(self) -> Predictor:
-        """Predictor of the simple observations."""
+    def uncombined(self) -> Predictor:
+        """Predictor of the observations before they are combined."""
         return self
 
     @property

@@ -32,20 +32,20 @@ def considered_choices(settings: Mapping[str, Any]) -> dict[str, ParameterChoice
     return parameter_choices({**settings, **everyone})
 
 
-def resolved(
+def resolve_considered(
     stated: Mapping[str, ParameterChoice],
     predictor: Predictor,
     estimated: Mapping[str, ParameterChoice],
     *,
     defaults: bool = True,
-    excluded: Collection[str] = (),
+    without_defaults: Collection[str] = (),
 ) -> tuple[dict[str, ParameterChoice], list[str]]:
-    """Return the considered members with sigmas, by kind, and notes; `excluded` are kinds that have no defaults."""
+    """Return the considered members with sigmas, by kind, and notes; kinds `without_defaults` need to be stated."""
     choices, notes, rows_of = {}, [], cache(ObservationRows)
     for name, kind in PARAMETERS.items():
         choice = stated.get(name)
         if choice is None:
-            if not (defaults and kind.considered) or name in excluded:
+            if not (defaults and kind.considered) or name in without_defaults:
                 continue
             if kind.term and not predictor.model.has(kind.term):
                 notes.append(f"{name} is not considered: the term {kind.term} is switched off")
@@ -54,18 +54,18 @@ def resolved(
         if choice.names == "none":
             continue
         choice = replace(choice, per=choice.per or kind.considered_per)
-        rows = rows_of(predictor.simple)
+        rows = rows_of(predictor.uncombined)
         replacing = [estimated.get(name)]
         if name not in stated:
             replacing += [of.get(twin) for of in (estimated, stated) for twin in kind.replaced_by]
-        considered, of_kind = _resolved(kind, choice, rows, replacing)
+        considered, of_kind = _resolve_kind(kind, choice, rows, replacing)
         notes += of_kind
         if considered is not None:
             choices[name] = considered
     return choices, notes
 
 
-def _resolved(
+def _resolve_kind(
     kind: ParameterKind,
     choice: ParameterChoice,
     rows: ObservationRows,

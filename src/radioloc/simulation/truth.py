@@ -278,7 +278,7 @@ def _design(
     epoch_utc: str,
 ) -> DesignMatrix:
     """Return the design matrix of the positions and of all parameters with a value, which is their error or sigma."""
-    simple = predictor.simple
+    simple = predictor.uncombined
     catalogue = predictor.model.catalogue
     kinds = []
     for name, choice in choices.items():

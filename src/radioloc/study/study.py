@@ -178,7 +178,7 @@ class EstimateChoice:
         """Return the choice for a part of an arc, without members that lack observations."""
         try:
             parameters = {
-                name: without_unobserved_members(PARAMETERS[name], choice, part.simple)
+                name: without_unobserved_members(PARAMETERS[name], choice, part.uncombined)
                 for name, choice in self.parameters.items()
             }
         except InputError as error:

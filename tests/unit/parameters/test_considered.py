@@ -10,7 +10,7 @@ from radioloc.earth.eop_prediction import last_measured_mjd
 from radioloc.errors import InputError, PredictedEopWarning, StationError
 from radioloc.measurements import FixedPoint, Observations, PhysicalModel, prepare_predictor
 from radioloc.parameters.choice import parameter_choices
-from radioloc.parameters.considered import considered_choices, resolved
+from radioloc.parameters.considered import considered_choices, resolve_considered
 from radioloc.time import Epochs, epochs_from_strings
 
 PATHS = [
@@ -47,7 +47,7 @@ def tracked(model):
 
 
 def sigmas(predictor, stated=None, estimated=None, **options):
-    choices, notes = resolved(
+    choices, notes = resolve_considered(
         considered_choices(stated or {}), predictor, parameter_choices(estimated or {}), **options
     )
     return {name: choice.sigma for name, choice in choices.items()}, notes
@@ -147,7 +147,7 @@ def test_study_overrides_defaults_by_kind_and_by_name(tracked):
     assert with_defaults["range_bias"] == {"KASHI": 2.0}
     without_defaults, _ = sigmas(tracked, stated, defaults=False)
     assert set(without_defaults) == {"station_position", "clock", "range_bias"}
-    assert set(sigmas(tracked, excluded=("libration",))[0]) == set(sigmas(tracked)[0]) - {"libration"}
+    assert set(sigmas(tracked, without_defaults=("libration",))[0]) == set(sigmas(tracked)[0]) - {"libration"}
 
 
 def test_estimated_members_are_not_considered(tracked):

@@ -48,7 +48,7 @@ def solution(n, coloured_m, tau_h, seed):
         me_frame="ME",
         epoch_utc=Epochs.from_jd(EPOCH_JD, model.time_s / 86400.0, "UTC"),
         station=model.station,
-        path=model.station,
+        path=[f"{name}>lander>{name}" for name in model.station],
         type=["range"] * n,
         observed_m=observed_m,
     )

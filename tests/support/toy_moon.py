@@ -115,7 +115,7 @@ def toy_solution(
         "me_frame": "ME_DE421",
         "epoch_utc": Epochs.from_jd(EPOCH_JD, model.time_s / 86400.0, "UTC"),
         "station": model.station,
-        "path": fields.get("station", model.station),
+        "path": [f"{name}>lander>{name}" for name in fields.get("station", model.station)],
         "type": ["range"] * n,
         "observed_m": observed_m,
         "name": "toy lander",

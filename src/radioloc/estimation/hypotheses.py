@@ -85,6 +85,11 @@ class Hypothesis:
     span_s: Span = None  # interval of an offset; begin of a step
 
     @property
+    def member(self) -> str:
+        """Station, link, type or :data:`ALL` that a parameter belongs to; empty for other errors."""
+        return self.name.partition(".")[2]
+
+    @property
     def is_of_published_model(self) -> bool:
         """Return whether the error is one of the Moon's ephemeris or of the Earth's rotation."""
         kind = PARAMETERS.get(self.name.partition(".")[0])
@@ -204,7 +209,7 @@ class Hypotheses:
     def _offsets(self) -> Iterator[Hypothesis]:
         """Yield offsets of links and stations in the arc, and in each of several passes."""
         for name, links in self.link_sets:
-            spans = passes(self.problem, links)
+            spans = pass_spans_s(self.problem, links)
             for span_s in (None, *(spans if len(spans) > 1 else ())):
                 yield self._constant(Family.OFFSET, "offset", name, links, span_s)
 
@@ -317,7 +322,7 @@ def _prior_family(role: Role) -> Family:
     return Family.CONSIDERED_PRIOR if role is Role.CONSIDERED else Family.STATED_PRIOR
 
 
-def products_of(
+def hypothesis_products(
     problem: BinnedProblem, hypotheses: Sequence[Hypothesis], common: Hypothesis | None = None
 ) -> Iterator[tuple[Hypothesis, ScoreProducts, tuple[int, ...]]]:
     """Yield hypotheses, products of columns of some of them, and the places of their columns in the products.
@@ -339,7 +344,7 @@ def products_of(
                 yield item, products, indices
 
 
-def passes(problem: BinnedProblem, links: Iterable[int]) -> list[tuple[float, float]]:
+def pass_spans_s(problem: BinnedProblem, links: Iterable[int]) -> list[tuple[float, float]]:
     """Begin and end of each pass of some links, s."""
     time_s = problem.times_s(links)
     gaps = np.flatnonzero(np.diff(time_s) > 3600.0 * PASS_GAP_H)

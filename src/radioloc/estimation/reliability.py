@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 
 from radioloc.estimation.group_tests import BinnedProblem
-from radioloc.estimation.hypotheses import FORCES, Family, Hypothesis, products_of
+from radioloc.estimation.hypotheses import FORCES, Family, Hypothesis, hypothesis_products
 from radioloc.estimation.statistics import finite_or_none
 from radioloc.vectors import Floats
 
@@ -87,7 +87,7 @@ def assess_reliability(
         width = enu_by_unit.shape[1]
         by_point = (enu_by_unit @ problem.inverse[:width]) @ problem.whitened.T
         absorbed = by_point @ problem.whitened
-    for item, products, indices in products_of(problem, lasting):
+    for item, products, indices in hypothesis_products(problem, lasting):
         sigma = float(item.sigmas[0]) if item.kind == "a priori" and len(item.sigmas) == 1 else None
         result = Reliability(item.kind, item.name, item.components, item.unit, math.inf, prior_sigma=sigma)
         if enu_by_unit is not None:

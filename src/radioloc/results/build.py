@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from radioloc.estimation.adaptation import MAX_SHIFT_SIGMAS, AdaptedEstimate
 from radioloc.estimation.combination import ReferenceComparison
 from radioloc.estimation.consider import UNMODELLED_ERROR, Consider, ConsideredErrors, reported_estimate
-from radioloc.estimation.consistency import assess_consistency, run_findings
+from radioloc.estimation.consistency import assess_consistency, outlier_run_findings
 from radioloc.estimation.editing import EditedFit, outlier_runs, run_reasons, with_reasons
 from radioloc.estimation.hypotheses import Hypotheses
 from radioloc.estimation.observability import assess_observability
@@ -115,7 +115,7 @@ def build_solution(
     if consistency:
         by_parameters = None if solution.trajectory is not None else solution.enu_partials
         hypotheses = Hypotheses.from_fit(edited, order, correlation, considered, candidates, count_s, runs)
-        rejected = tuple(run_findings(edited, order, runs, epoch_utc, count_s))
+        rejected = tuple(outlier_run_findings(edited, order, runs, epoch_utc, count_s))
         is_axis = [[item.name == f"state.{axis}" for item in solution.parameters] for axis in "xyz"]
         by_state = np.array(is_axis, dtype=np.float64) if np.any(is_axis) else None
         tests = assess_consistency(hypotheses, epoch_utc, by_parameters, rejected, by_state)

@@ -6,6 +6,7 @@ import math
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,15 +36,16 @@ from radioloc.results.solution import Solution
 from radioloc.time import utc_strings
 
 # A card fits a screen; to_dict() has all rows.
-_MAX_ROWS = 6
+_MAX_TABLE_ROWS = 6
 _MAX_LINK_ROWS = 12  # six baselines of four stations, and some links of ranges
-_MAX_REJECTED = 3
-_MAX_UNFOLDED, _MAX_PAGE_ROWS = 20, 300  # rows of rejected observations on a page
-_MAX_SERIES = 3
+_MAX_SERIES_ROWS = 3
+_MAX_REJECTED_LINES = 3
+_MAX_PAGE_ROWS = 300  # rejected observations in the table of a page
+_MAX_UNFOLDED_ROWS = 20  # the page folds a longer table
 _RANGE_SIGNIFICANCE_LEVEL = 1e-3  # for all pairs of links of a card together
 _ELLIPSOID_PROBABILITY = 0.683
-_MIN_CORRELATION_FACTOR = 1.05  # growth of the sigma by time correlation from which the card states it
-_MIN_ADVISED_FACTOR = 3.0  # growth above which correlated weights give a much better estimate
+_MIN_STATED_FACTOR = 1.05  # the card states a time correlation that enlarges the sigma by more
+_MIN_ADVISED_FACTOR = 3.0  # above it, correlated weights give a much better estimate
 
 
 def fit_fields(solution: Solution) -> Iterator[Field]:
@@ -53,7 +55,7 @@ def fit_fields(solution: Solution) -> Iterator[Field]:
         Field("data", _data_lines(solution.residuals)),
         Field("fit", _fit_lines(solution)),
         _correlation_field(solution),
-        Field("misfit", finding_lines(solution, in_status=False)),
+        Field("misfit", finding_lines(solution, serious=False)),
         Field("reliability", reliability_lines(solution.consistency.reliability)),
         *_residual_fields(solution),
     )
@@ -69,41 +71,40 @@ def rejected_detail(solution: Solution) -> Detail:
     rows = list(zip(epochs, _link_labels(residuals)[order], sizes, residuals.statuses[order], strict=True))
     title = f"{len(rows)} of {count}" if count > len(rows) else "All"
     field = Field("", (), ("UTC", "link", "residual, m", "reason"), rows)
-    return Detail(REJECTED, f"{title}, the largest residuals first", (field,), count <= _MAX_UNFOLDED)
+    return Detail(REJECTED, f"{title}, the largest residuals first", (field,), count <= _MAX_UNFOLDED_ROWS)
 
 
-def finding_lines(solution: Solution, *, in_status: bool) -> Iterator[str]:
-    """Yield the findings that stand below the status, or all others, and the adapted position."""
-    texts = [str(item) for item in select_findings(solution, in_status=in_status)]
+def finding_lines(solution: Solution, *, serious: bool) -> Iterator[str]:
+    """Yield the serious findings, which are printed with the status, or the others, and the adapted position."""
+    texts = [str(item) for item in select_findings(solution, serious=serious)]
     prefix = "WARNING: " if solution.converged else "likely cause: "
-    yield from (f"{prefix if in_status else ''}{text}" for text in texts)
+    yield from (f"{prefix if serious else ''}{text}" for text in texts)
     adapted, count = solution.with_findings(), len(solution.consistency.findings)
-    if adapted is None or not texts or not (in_status or len(texts) == count):
+    if adapted is None or not texts or not (serious or len(texts) == count):
         return
     longitude_deg, latitude_deg, height_m = adapted.selenographic
     yield (
         f"with {'them' if count > 1 else 'it'} estimated: {longitude_deg:.8f} deg E, {latitude_deg:+.8f} deg N, "
         f"height {height_m:.3f} m; 1 sigma east, north, up {', '.join(map(metres, adapted.sigma_enu_m()))} m. "
-        "The total sigma includes their difference"
+        "The total sigma includes the difference of the two positions"
     )
 
 
-def select_findings(solution: Solution, *, in_status: bool) -> Iterator[ConsistencyTest]:
-    """Yield the findings that stand below the status, or all others.
+def select_findings(solution: Solution, *, serious: bool) -> Iterator[ConsistencyTest]:
+    """Yield the serious findings, or all others.
 
-    These are the likely causes if the solution is not usable, and findings that move the position out of its 68 %
-    ellipsoid.
+    Serious are those that move the position out of its 68 % ellipsoid, and the likely causes of an unusable solution.
     """
     for finding in solution.consistency.findings:
-        if in_status == (not solution.converged or _is_outside_ellipsoid(solution, finding.shift_enu_m)):
+        if serious == (not solution.converged or _is_outside_ellipsoid(solution, finding.shift_enu_m)):
             yield finding
 
 
 def _is_outside_ellipsoid(solution: Solution, shift_enu_m: tuple[float, float, float] | None) -> bool:
     """Return whether d^T P^-1 d of a shift d exceeds the 68 % quantile of chi-square.
 
-    P is the covariance of a determined position without the square of the shift by all findings, which the total
-    covariance includes; a moving target has no shift.
+    The total covariance of a determined position includes the square of the shift by all findings, which P does not. A
+    moving target has no shift.
     """
     if shift_enu_m is None or not solution.position_determined:
         return False
@@ -131,12 +132,12 @@ def _data_lines(residuals: Residuals) -> Iterator[str]:
 
 def _fit_lines(solution: Solution) -> Iterator[str]:
     """Yield counts and wrms, noise beyond the stated sigmas, and the test of chi-square."""
-    fit = solution.fit
+    fit, types = solution.fit, solution.residuals.types.present()
     line = f"{fit.total.used} used, {fit.total.rejected} rejected"
     # Ranges and Doppler, both in metres, have no common rms.
-    if fit.total.wrms_m is not None and len(fit.by_type) <= 1:
+    if fit.total.wrms_m is not None and len(types) <= 1:
         line += f"; wrms {metres(fit.total.wrms_m)} m"
-        if {group.label for group in fit.by_type} == {"range"}:
+        if types == ("range",):
             line += f" round trip ({metres(0.5 * fit.total.wrms_m)} m one way)"
     yield line
     for text, sigmas_m in (
@@ -145,7 +146,7 @@ def _fit_lines(solution: Solution) -> Iterator[str]:
     ):
         sizes = [f"{name} {metres(sigma_m)} m" for name, sigma_m in sigmas_m.items() if sigma_m > 0.0]
         if sizes:
-            yield f"{text}: {', '.join(first_lines(sizes, _MAX_ROWS))}"
+            yield f"{text}: {', '.join(first_lines(sizes, _MAX_TABLE_ROWS))}"
     if fit.chi2_per_dof is None or fit.chi2_per_dof_bound is None:
         yield "no redundancy: the stated sigmas cannot be tested"
         return
@@ -174,18 +175,17 @@ def _correlation_field(solution: Solution) -> Field:
         cells = (f"{max(count, 1.0):.0f}" for count in counts)
         rows.append((item.name, duration(item.correlation_time_s), str(item.count), *cells))
     notes, factor = [], solution.correlation_factor  # 1 if the position is not determined
-    if factor >= _MIN_CORRELATION_FACTOR:
+    if factor >= _MIN_STATED_FACTOR:
         notes.append(f"the time correlation enlarges the position sigma by a factor of {factor:.2g}")
     if factor > _MIN_ADVISED_FACTOR and not weighted_counts:
         notes.append('[estimate] weights = "correlated" includes it in the weights too')
-    return table("correlated", heading, rows, _MAX_SERIES, notes)
+    return table("correlated", heading, rows, _MAX_SERIES_ROWS, notes)
 
 
 def _residual_fields(solution: Solution) -> Iterator[Field]:
-    """Yield residual statistics by station; with several types or paths of a station, by type and by link."""
+    """Yield residual statistics by station; with several types or links of a station, by type and by link."""
     residuals, fit = solution.residuals, solution.fit
-    one_path_each = len(fit.by_path) == len(fit.by_station) == len(_stations(residuals))
-    if not _have_paths(residuals) or one_path_each:
+    if len(fit.by_path) == len(fit.by_station) == len(_stations(residuals)):
         yield _residual_table("stations", fit.by_station)
         return
     if len(fit.by_type) > 1:
@@ -197,7 +197,7 @@ def _residual_fields(solution: Solution) -> Iterator[Field]:
 def _residual_table(
     label: str,
     groups: tuple[GroupStatistics, ...],
-    max_rows: int = _MAX_ROWS,
+    max_rows: int = _MAX_TABLE_ROWS,
     notes: Iterable[str] = (),
 ) -> Field:
     rows = []
@@ -215,9 +215,13 @@ class _RangeMean:
     mean_m: float
     variance_m2: float
 
+    def sigmas_below(self, other: _RangeMean) -> float:
+        """Difference to another mean in its standard deviations."""
+        return (other.mean_m - self.mean_m) / math.sqrt(self.variance_m2 + other.variance_m2)
+
 
 def _disagreement_lines(solution: Solution) -> Iterator[str]:
-    """Yield ranges of two links of one station whose means differ significantly.
+    """Yield the ranges of two links of each station whose means differ most significantly.
 
     The mean of the station can hide the difference. Its p-value is that of a normal distribution times the number of
     pairs (Bonferroni correction).
@@ -225,10 +229,12 @@ def _disagreement_lines(solution: Solution) -> Iterator[str]:
     means = _range_means(solution)
     pair_count = sum(math.comb(len(station_means), 2) for station_means in means.values())
     for station, station_means in means.items():
-        low, high = (select(station_means, key=lambda item: item.mean_m) for select in (min, max))
-        sigmas = (high.mean_m - low.mean_m) / math.sqrt(low.variance_m2 + high.variance_m2)
-        p_value = pair_count * math.erfc(sigmas / math.sqrt(2.0))
-        if len(station_means) > 1 and p_value < _RANGE_SIGNIFICANCE_LEVEL:
+        pairs = combinations(sorted(station_means, key=lambda item: item.mean_m), 2)
+        low, high = max(pairs, key=lambda pair: pair[0].sigmas_below(pair[1]), default=(None, None))
+        if low is None or high is None:
+            continue
+        sigmas = low.sigmas_below(high)
+        if pair_count * math.erfc(sigmas / math.sqrt(2.0)) < _RANGE_SIGNIFICANCE_LEVEL:
             yield (
                 f"ranges of {station}, {low.way} {signed_metres(low.mean_m)} m and {high.way} "
                 f"{signed_metres(high.mean_m)} m, disagree by {sigmas:.1f} sigmas: "
@@ -238,22 +244,20 @@ def _disagreement_lines(solution: Solution) -> Iterator[str]:
 
 def _range_means(solution: Solution) -> dict[str, list[_RangeMean]]:
     """Return the means of the ranges of each link by receiver, with their variances."""
-    effective_counts = {}
-    if solution.time_correlation is not None:
-        series = solution.time_correlation.series
-        effective_counts = {item.name: max(item.effective_count, 1.0) for item in series}
-    residuals, means = solution.residuals, defaultdict[str, list[_RangeMean]](list)
-    for group in solution.fit.by_path:
-        kind, _, path = group.label.partition(" ")
-        if kind != "range" or not group.used or group.mean_m is None or group.rms_m is None:
+    residuals, correlation = solution.residuals, solution.time_correlation
+    series = () if correlation is None else correlation.series
+    effective_counts = {item.name: max(item.effective_count, 1.0) for item in series}
+    is_range, means = residuals.used & residuals.types.are("range"), defaultdict[str, list[_RangeMean]](list)
+    for path in residuals.paths.present():
+        rows, link = np.flatnonzero(is_range & residuals.paths.are(path)), Link.from_path(path)
+        if not len(rows):
             continue
-        link = Link.from_path(path)
-        way = "two-way" if link.transmitter == link.receiver else f"from {link.transmitter}"
+        residual_m = residuals.residual_m[rows]
         # The scatter of few residuals is smaller than their sigmas.
-        members = residuals.used & residuals.types.are(kind) & residuals.paths.are(path)
-        scatter_m2 = max(group.rms_m**2 - group.mean_m**2, np.square(residuals.sigma_m[members]).mean())
-        variance_m2 = scatter_m2 / effective_counts.get(group.label, group.used)
-        means[link.receiver].append(_RangeMean(way, group.mean_m, variance_m2))
+        scatter_m2 = max(residual_m.var(), np.square(residuals.sigma_m[rows]).mean())
+        variance_m2 = float(scatter_m2) / effective_counts.get(f"range {path}", len(rows))
+        way = "two-way" if link.transmitter == link.receiver else f"from {link.transmitter}"
+        means[link.receiver].append(_RangeMean(way, float(residual_m.mean()), variance_m2))
     return means
 
 
@@ -261,11 +265,11 @@ def _rejected_lines(residuals: Residuals) -> Iterator[str]:
     """Yield the rejected observations: each of a few, otherwise those of a link with one reason in one line."""
     order, links, reasons = _rejected_rows(residuals), _link_labels(residuals), residuals.reasons
     groups = links.codes[order] * len(reasons.texts) + reasons.codes[order]
-    if len(order) <= _MAX_REJECTED:
+    if len(order) <= _MAX_REJECTED_LINES:
         groups = np.arange(len(order))
     _, first, group = np.unique(groups, return_index=True, return_inverse=True)
     epochs, shown_count = residuals.epoch_utc, 0
-    for index in np.argsort(first)[:_MAX_REJECTED].tolist():
+    for index in np.argsort(first)[:_MAX_REJECTED_LINES].tolist():
         rows = order[group == index]
         earliest = rows[np.lexsort((epochs.fraction[rows], epochs.jd[rows]))[:1]]
         times, reason = utc_strings(epochs[earliest], decimals=0)[0], residuals.statuses[rows[0]]
@@ -286,28 +290,20 @@ def _rejected_rows(residuals: Residuals) -> NDArray[np.intp]:
     return rejected[np.argsort(-size, kind="stable")]
 
 
-def _have_paths(residuals: Residuals) -> bool:
-    """Return whether the paths are those of observations, not names of stations."""
-    return all(">" in path for path in residuals.paths.present())
-
-
 def _stations(residuals: Residuals) -> set[str]:
     """Return the stations at either end of the paths."""
-    if not _have_paths(residuals):
-        return set(residuals.stations.present())
     return {station for path in residuals.paths.present() for station in Link.from_path(path).stations}
 
 
 def _link_labels(residuals: Residuals) -> Labels:
-    """Return the station or link of each observation, with the type if there are several."""
-    if not _have_paths(residuals):
-        return residuals.stations
-    # Ranges and range differences of a station, both in metres, have no common rms.
-    several_types = len(residuals.types.present()) > 1
+    """Return the link of each observation, with the type if there are several."""
+    links, types = [Link.from_path(path) for path in residuals.paths.texts], residuals.types
+    names = link_names(links)
+    if len(types.present()) < 2:
+        return Labels.coded(names, residuals.paths.codes)
     names = [
-        # The link says "one-way" already.
-        f"{link} {kind.removeprefix('one_way_') if 'one-way' in link else kind}" if several_types else link
-        for link in link_names([Link.from_path(path) for path in residuals.paths.texts])
-        for kind in residuals.types.texts
+        f"{name} {kind if link.transmitter else kind.removeprefix('one_way_')}"  # the name says "one-way" already
+        for link, name in zip(links, names, strict=True)
+        for kind in types.texts
     ]
-    return Labels.coded(names, residuals.paths.codes * len(residuals.types.texts) + residuals.types.codes)
+    return Labels.coded(names, residuals.paths.codes * len(types.texts) + types.codes)

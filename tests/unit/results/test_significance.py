@@ -38,12 +38,10 @@ def test_a_shift_is_compared_with_the_ellipsoid_in_its_direction(axis):
     shift_m = 2.5 * np.sqrt(variances[axis]) * axes[:, axis]
     finding = ConsistencyTest("offset", "A", 30.0, 1, -6.0, tuple(shift_m), (1.0, 1.0, 1.0), {"": 1.0}, "m")
     warned = replace(solution, consistency=Consistency(findings=(finding,)))
-    assert [*select_findings(warned, in_status=True)] == [finding]
-    assert [*select_findings(warned, in_status=False)] == []
+    assert [*select_findings(warned, serious=True)] == [finding]
+    assert [*select_findings(warned, serious=False)] == []
     small = replace(finding, shift_enu_m=tuple(0.5 * shift_m))
-    assert not [
-        *select_findings(replace(solution, consistency=Consistency(findings=(small,))), in_status=True)
-    ]
+    assert not [*select_findings(replace(solution, consistency=Consistency(findings=(small,))), serious=True)]
 
 
 @pytest.mark.parametrize(("offset_m", "named"), [(0.9, False), (1.6, True)])
@@ -72,4 +70,4 @@ def test_the_reported_region_covers_the_position_with_the_finding_estimated(sigm
     record = warned.to_dict()["with_findings"]
     assert record["shift_sigmas"] == pytest.approx(sigmas)
     assert [*record["shift"].values()] == pytest.approx(shift_m, abs=1e-9)
-    assert [*select_findings(warned, in_status=True)] == [finding]
+    assert [*select_findings(warned, serious=True)] == [finding]

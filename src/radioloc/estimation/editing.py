@@ -5,18 +5,19 @@ An observation with residual r_i, stated standard deviation s_i and leverage h_i
     |r_i| > t max(1, k) s_i sqrt(1 - h_i),    h_i = (A P A^T)_ii / s_i^2,
 
 with design matrix A and covariance P of the estimate. For a rejected observation the root is sqrt(1 + h_i), since the
-fit is independent of it. The root is limited to 0.2 to 5, and taken as 1 for residuals far below the limit. The
-threshold t counts standard deviations. All observations beyond their limits are rejected at once. The robust scale k,
-1.4826 times the median of |r/s|, is taken over all usable observations, so that rejections do not tighten the limit.
+fit is independent of it. The root is limited to 0.2 to 5. The threshold t counts standard deviations. All observations
+beyond their limits are rejected at once. The robust scale k, 1.4826 times the median of |r/s|, is taken over all usable
+observations, so that rejections do not tighten the limit.
 
 1. A robust estimate, or a previous fit, gives the first residuals.
 2. All observations within the limit are used, whether they were used before or not, and the others are rejected.
 3. The parameters are estimated; steps 2 and 3 are repeated until the set of used observations stays the same.
 
-No observation is rejected if more than 30 % would be: the model, a station or the sigmas are then wrong. Links of which
-nearly all observations are outliers do not count if they have less than half of the observations, which is the largest
-fraction of errors that an estimate withstands (Rousseeuw and Leroy 1987): a fit to a station clock that is 1 ms off
-ends thousands of kilometres away.
+No observation is rejected if more than 30 % would be: the model, a station or the sigmas are then wrong. If so many
+residuals of the robust estimate are large, those of a fit to all observations decide. Links of which nearly all
+observations are outliers do not count if they have less than half of the observations, which is the largest fraction of
+errors that an estimate withstands (Rousseeuw and Leroy 1987): a fit to a station clock that is 1 ms off ends thousands
+of kilometres away.
 
 References: Baarda (1968), A testing procedure for use in geodetic networks; Belsley, Kuh and Welsch (1980), chapter 2;
 Rousseeuw and Leroy (1987), Robust regression and outlier detection, section 1.2.
@@ -34,7 +35,7 @@ from numpy.typing import ArrayLike, NDArray
 from radioloc.errors import InputError
 from radioloc.estimation.gauss_markov import SeriesWeight
 from radioloc.estimation.least_squares import FitResult, fit_least_squares
-from radioloc.estimation.linearization import Linearization, ResidualFunction, evaluate
+from radioloc.estimation.linearization import Linearization, ResidualFunction, evaluate, process_noise
 from radioloc.estimation.robust import robust_start
 from radioloc.estimation.series import SeriesOrder
 from radioloc.estimation.statistics import robust_scale
@@ -48,15 +49,12 @@ from radioloc.vectors import Floats
 
 THRESHOLD = 5.0  # sigmas; of normal residuals one in 1.7 million is larger
 _MIN_THRESHOLD = 2.0  # sigmas; a smaller one rejects more than 4.5 % of the good observations
-_MAX_PASSES = 20
+_MAX_FIT_COUNT = 20
+_MAX_REJECTED_FRACTION = 0.3  # of usable observations; more outliers mean a wrong model, station or sigma
 _MIN_STUDENTIZED_RATIO = 0.2  # sigma of a residual over that of its observation: leverages up to 0.96
-
-_MAX_REJECTED_FRACTION = 0.3
-"""Largest fraction of usable observations to reject: more outliers mean a wrong model, station or sigma. Without this
-limit 40 of 100 wrong ranges are rejected without a message (`tests/unit/estimation/test_editing.py`)."""
-
-# With 3 % independent outliers, a run of this length with one sign begins at one of 150,000 observations.
-_MIN_RUN_COUNT = 3
+_MIN_RUN_LENGTH = (
+    3  # with 3 % independent outliers, one of 150,000 observations begins such a run of one sign
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,9 +63,9 @@ class EditedFit:
 
     fit: FitResult  # the last fit
     initial_status: Labels  # USED, or the reason why an observation is not usable
-    robust_scale: float  # median spread of usable residuals over their stated sigmas
-    passes: int = 1  # number of fits
-    complete: bool = True  # whether the set of used observations has settled
+    robust_scale: float  # k, of the usable residuals
+    fit_count: int = 1  # number of fits of the editing
+    is_settled: bool = True  # whether another fit would use the same observations, with the same noise
     message: str = ""  # problems of the editing
     # Variance components of groups, as sigmas; errors of stations that delays share.
     additive_sigma_m: Mapping[str, float] = field(default_factory=dict)
@@ -96,19 +94,19 @@ class EditedFit:
 
     @property
     def can_continue(self) -> bool:
-        """True if another fit can start here: the fit converged, without more outliers than may be rejected."""
-        has_excess = not self.complete and self.fit.used[self.initial_status.are(USED)].all()
-        return self.fit.converged and not has_excess
+        """True if another fit can start here: the fit converged, and outliers are not too many to be rejected."""
+        too_many_outliers = not self.is_settled and self.fit.used[self.initial_status.are(USED)].all()
+        return self.fit.converged and not too_many_outliers
 
     @property
-    def ended(self) -> bool:
-        """True if fit and editing ended; parameters may be undetermined."""
-        return self.complete and self.fit.status in (FitStatus.CONVERGED, FitStatus.UNOBSERVABLE)
+    def is_at_minimum(self) -> bool:
+        """True if the editing is settled with a minimum of the sum of squares; parameters may be undetermined."""
+        return self.is_settled and self.fit.status in (FitStatus.CONVERGED, FitStatus.UNOBSERVABLE)
 
     @property
     def converged(self) -> bool:
-        """True if fit and editing ended and every parameter is determined."""
-        return self.complete and self.fit.converged
+        """True if the editing is settled, and its last fit converged with every parameter determined."""
+        return self.is_settled and self.fit.converged
 
 
 @accepts_quantities
@@ -141,21 +139,19 @@ def fit_with_editing(
     editor = _Editor(residual_function, parameters, noise, initial_status.are(USED), series)
     if threshold is None or editor.max_rejected < 1:
         result = editor.fit(editor.usable, x, linearization)
-        return EditedFit(result, initial_status, editor.spread(result.residual_m))
+        return EditedFit(result, initial_status, editor.scale(result.residual_m))
 
-    process = getattr(linearization, "process", None)
-    residual_m = linearization.residual_m
-    if previous is not None:
-        residual_m = previous.fit.residual_m
+    process, last_fit = process_noise(linearization), None if previous is None else previous.fit
+    if last_fit is not None:
+        residual_m = last_fit.residual_m
     elif process is not None:  # an orbit starts near the estimate
-        residual_m = residual_m - process.effects_m(process.reference)
+        residual_m = linearization.residual_m - process.effects_m(process.reference)
     else:
         x, linearization = robust_start(
             residual_function, parameters, noise.sigma_m, editor.usable, linearization, x
         )
         residual_m = linearization.residual_m
-    last_fit = None if previous is None else previous.fit
-    scale, selections, excess = editor.spread(residual_m), list[NDArray[np.bool_]](), ""
+    scale, selections, start_outlier_count = editor.scale(residual_m), list[NDArray[np.bool_]](), 0
     while True:
         limit_m = threshold * max(1.0, scale) * noise.sigma_m
         if last_fit is not None and process is None:  # leverages of process noise are not in the partials
@@ -163,20 +159,27 @@ def fit_with_editing(
         used = editor.usable & (np.abs(residual_m) <= limit_m)
         if selections and np.array_equal(used, selections[-1]):
             return EditedFit(result, initial_status, scale, len(selections))
-        selection = editor.check(_break_rejection_cycle(used, selections), len(selections), threshold)
-        is_distant = last_fit is None and not selection.complete
-        if is_distant:  # too many residuals of the robust start are large: those of a fit decide
-            excess, selection = selection.message, _Selection(editor.usable)
-        elif excess and not selection.complete:
-            selection = selection._replace(message=excess)
+        selection = _break_rejection_cycle(used, selections)
+        outliers = editor.usable & ~selection.used
+        outlier_count, too_many_outliers = int(outliers.sum()), editor.are_too_many(outliers)
+        is_poor_start = last_fit is None and too_many_outliers
+        if is_poor_start:
+            start_outlier_count, selection = outlier_count, _Selection(editor.usable)
+        elif too_many_outliers:
+            # The robust estimate counts outliers better than a fit, whose residuals they enlarge.
+            selection = editor.without_rejections(start_outlier_count or outlier_count, threshold)
+        elif len(selections) >= _MAX_FIT_COUNT:
+            message = f"the editing did not settle in {_MAX_FIT_COUNT} fits"
+            selection = _Selection(selection.used, message, is_settled=False)
         selections.append(selection.used)
         last_fit = result = editor.fit(selection.used, x, linearization)
         x, linearization, residual_m = result.x, result.linearization, result.residual_m
         # Outliers that are used enlarge the residuals of all.
-        scale = min(scale if is_distant else np.inf, editor.spread(residual_m))
+        scale = min(scale if is_poor_start else np.inf, editor.scale(residual_m))
         if selection.message or result.status in (FitStatus.DIVERGED, FitStatus.MAX_ITERATIONS):
-            passes, message = len(selections), selection.message
-            return EditedFit(result, initial_status, scale, passes, selection.complete, message)
+            return EditedFit(
+                result, initial_status, scale, len(selections), selection.is_settled, selection.message
+            )
 
 
 def with_reasons(status: Labels, reasons: Mapping[int, str]) -> Labels:
@@ -199,7 +202,7 @@ def outlier_runs(edited: EditedFit, order: SeriesOrder) -> list[Rows]:
     outlier = edited.outliers[rows]
     is_first = changed(order.code[rows], np.where(outlier, np.sign(edited.fit.residual_m[rows]), 0.0))
     runs = np.split(np.arange(len(rows)), np.flatnonzero(is_first)[1:])
-    return [rows[run] for run in runs if len(run) >= _MIN_RUN_COUNT and outlier[run[0]]]
+    return [rows[run] for run in runs if len(run) >= _MIN_RUN_LENGTH and outlier[run[0]]]
 
 
 def run_reasons(edited: EditedFit, runs: Iterable[Rows]) -> dict[int, str]:
@@ -220,7 +223,7 @@ class _Selection(NamedTuple):
 
     used: NDArray[np.bool_]
     message: str = ""
-    complete: bool = True
+    is_settled: bool = True  # False if the message says why the editing ends early
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -234,7 +237,7 @@ class _Editor:
     series: NDArray[np.intp] | None  # (n,), indices of links
 
     @property
-    def free_count(self) -> int:
+    def unconstrained_count(self) -> int:
         """Number of parameters that need an observation, as they have no a-priori information."""
         return int((self.parameters.free & np.isinf(self.parameters.prior_sigmas)).sum())
 
@@ -245,17 +248,17 @@ class _Editor:
 
     def max_outliers(self, count: int) -> int:
         """Largest number of outliers among observations; they are detectable only if the others are redundant."""
-        return min(int(_MAX_REJECTED_FRACTION * count), count - self.free_count - 1)
+        return min(int(_MAX_REJECTED_FRACTION * count), count - self.unconstrained_count - 1)
 
-    def are_of_wrong_series(self, outliers: NDArray[np.bool_]) -> bool:
-        """Return whether outliers (n,) are tolerable without the series that are outliers as a whole, a minority."""
-        if self.series is None:
-            return False
+    def are_too_many(self, outliers: NDArray[np.bool_]) -> bool:
+        """Return whether outliers (n,) are too many to be rejected; series that are wrong as a whole do not count."""
+        if outliers.sum() <= self.max_rejected or self.series is None:
+            return bool(outliers.sum() > self.max_rejected)
         outlier_count, count = (np.bincount(self.series, rows) for rows in (outliers, self.usable))
         is_right = count - outlier_count > _MAX_REJECTED_FRACTION * count
         right_count = int(count[is_right].sum())
         is_majority = 2 * right_count > count.sum()
-        return bool(is_majority and outlier_count[is_right].sum() <= self.max_outliers(right_count))
+        return not (is_majority and outlier_count[is_right].sum() <= self.max_outliers(right_count))
 
     def fit(self, used: NDArray[np.bool_], x: Floats, linearization: Linearization) -> FitResult:
         """Estimate the parameters from the used observations."""
@@ -268,25 +271,19 @@ class _Editor:
             linearization=linearization,
         )
 
-    def spread(self, residual_m: Floats) -> float:
-        """Median spread of the usable residuals over their stated sigmas."""
-        return robust_scale(residual_m[self.usable] / self.noise.sigma_m[self.usable], self.free_count)
+    def scale(self, residual_m: Floats) -> float:
+        """Robust scale of the usable residuals over their stated sigmas."""
+        return robust_scale(
+            residual_m[self.usable] / self.noise.sigma_m[self.usable], self.unconstrained_count
+        )
 
-    def check(self, selection: _Selection, pass_count: int, threshold: float) -> _Selection:
-        """Use all observations if too many are outliers, and end the editing after the last pass."""
-        usable_count = int(self.usable.sum())
-        rejected_count = usable_count - int(selection.used.sum())
-        has_excess = rejected_count > self.max_rejected
-        if has_excess and not self.are_of_wrong_series(self.usable & ~selection.used):
-            message = (
-                f"{rejected_count} of {usable_count} observations exceed {threshold:g} sigmas, more than the limit of "
-                f"{self.max_rejected}, so none is rejected: check stations, sigmas and model"
-            )
-            return _Selection(self.usable, message, complete=False)
-        if pass_count >= _MAX_PASSES:
-            message = f"the editing did not settle in {_MAX_PASSES} passes"
-            return _Selection(selection.used, message, complete=False)
-        return selection
+    def without_rejections(self, outlier_count: int, threshold: float) -> _Selection:
+        """Use all observations, with the reason."""
+        message = (
+            f"{outlier_count} of {self.usable.sum()} observations exceed {threshold:g} sigmas, more than the limit of "
+            f"{self.max_rejected}, so none is rejected: check stations, sigmas and model"
+        )
+        return _Selection(self.usable, message, is_settled=False)
 
 
 def _studentized_limits(
@@ -294,8 +291,8 @@ def _studentized_limits(
 ) -> Floats:
     """Multiply limits (n,) by sqrt(1 - h), or sqrt(1 + h) for rejected observations.
 
-    With limits of unscaled residuals, rejections of observations of high leverage would depend on the start of the fit
-    (`tests/unit/jobs/test_locate.py`). Only residuals near their limit or beyond are scaled.
+    With limits of unscaled residuals, rejections of observations of high leverage would depend on the start of the fit.
+    Residuals so small that no leverage takes them beyond their limit keep theirs.
     """
     rows = np.flatnonzero(usable & (np.abs(residual_m) > _MIN_STUDENTIZED_RATIO * limit_m))
     leverage, limit_m = fit.leverage(rows), limit_m.copy()
@@ -307,8 +304,7 @@ def _studentized_limits(
 def _break_rejection_cycle(used: NDArray[np.bool_], selections: list[NDArray[np.bool_]]) -> _Selection:
     """Return a new selection as it is; for an earlier one, the intersection of the cycle that it begins.
 
-    Without this rule, the editing of residuals with heavy tails can alternate for ever, in 5 of 200 cases of
-    `tests/unit/estimation/test_editing.py`.
+    Without this rule, the editing of residuals with heavy tails can alternate for ever.
     """
     start = next((k for k, selection in enumerate(selections) if np.array_equal(used, selection)), None)
     if start is None:

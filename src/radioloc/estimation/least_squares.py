@@ -43,6 +43,7 @@ from radioloc.estimation.linearization import (
     evaluate,
     evaluate_step,
     factorize,
+    process_noise,
     refreshed,
     smooth_partials,
     times,
@@ -195,7 +196,7 @@ def fit_least_squares(
 
     # Weights: given ones, those of the process noise, or those of the stated noise.
     stated = noise.whitener(mask)
-    process = getattr(linearization, "process", None)
+    process = process_noise(linearization)
     if process is not None and whitening is None:
         whitening = InformationFilter.from_observations(process, noise, mask)
     solver = _GaussNewton(residual_function, parameters, whitening or stated, int(mask.sum()))

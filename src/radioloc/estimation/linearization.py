@@ -19,6 +19,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from radioloc.dynamics.stochastic import StochasticAccelerations
 from radioloc.errors import InputError, RadiolocError
 from radioloc.estimation.smooth_partials import SmoothPartials
 from radioloc.measurements.predictor import ROWS_AT_ONCE
@@ -47,6 +48,12 @@ def smooth_partials(linearization: Linearization) -> SmoothPartials | None:
     """Return the partials of a dense series as polynomials; None of others."""
     smooth: SmoothPartials | None = getattr(linearization, "smooth", None)
     return smooth
+
+
+def process_noise(linearization: Linearization) -> StochasticAccelerations | None:
+    """Return the stochastic accelerations of an orbit on the observations; None without."""
+    process: StochasticAccelerations | None = getattr(linearization, "process", None)
+    return process
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -123,7 +123,7 @@ def noisy_groups(edited: EditedFit, order: SeriesOrder) -> tuple[Labels, Floats]
     usable_count, outlier_count = (
         np.bincount(order.code, mask, len(order.series)) for mask in (usable, usable & ~fit.used)
     )
-    if edited.complete and not (outlier_count > _MIN_OUTLIER_FRACTION * usable_count).any():
+    if edited.is_settled and not (outlier_count > _MIN_OUTLIER_FRACTION * usable_count).any():
         return None
     ratios = noise_ratios(
         Differences.from_residuals(fit.residual_m, fit.sigma_m, usable, order), len(order.series)

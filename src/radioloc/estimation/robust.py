@@ -52,7 +52,7 @@ _MAX_HUBER_SPREAD_SIGMAS = 3.0  # spread of residuals above which random subsets
 _MAX_SPREAD_RATIO = 0.1
 """Largest ratio of the spread about the estimate of a subset to that about Huber's. A few observations can always be
 rejected so that the others agree somewhat better, of weakly determined positions several times better."""
-_CONSENSUS_PASSES = 3  # linearizations: where geometry is weak, gross errors move the first estimate far
+_CONSENSUS_ROUND_COUNT = 3  # linearizations: where geometry is weak, gross errors move the first estimate far
 _SUBSET_COUNT = 500
 _TRUNCATION_SPREADS = 5.0  # residual, in spreads, above which squares are truncated
 _RIDGE = 1e-9  # a subset need not determine every parameter
@@ -161,7 +161,7 @@ class _RobustSearch:
             root = np.zeros((q, estimated_root.shape[1]))
             root[is_estimated] = estimated_root
         iterate, max_spread = start, _MAX_SPREAD_RATIO * robust_scale(start.normalized, q)
-        for _ in range(_CONSENSUS_PASSES):
+        for _ in range(_CONSENSUS_ROUND_COUNT):
             basis = times(iterate.linearization.partials(self.rows)[:, free], root) / self.sigma_m[:, None]
             y = _consensus(basis, iterate.normalized, *_prior_terms(self.parameters, iterate.x, root))
             iterate = self.step(iterate, root @ y)

@@ -68,7 +68,7 @@ def wrong_sigmas(edited: EditedFit, stated_m: Floats, order: SeriesOrder) -> Ite
     """Yield a finding for all series, those of a type or a station whose stated sigmas (n,) are wrong by one factor."""
     variance = _variances(edited, stated_m, order)
     is_wrong = (variance > _MIN_RATIO**2) | (variance < _MIN_RATIO**-2)
-    if not (edited.ended and is_wrong.any()):
+    if not (edited.is_at_minimum and is_wrong.any()):
         return
     ratios = white_ratios(edited, stated_m, order)
     open_codes = {int(code) for code in np.flatnonzero(is_wrong & ~np.isnan(ratios))}

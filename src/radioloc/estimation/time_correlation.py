@@ -154,7 +154,7 @@ def mixed_units(fit: FitResult) -> tuple[Floats, int]:
 def estimated_covariance(edited: EditedFit, order: SeriesOrder) -> tuple[Floats, TimeCorrelation | None]:
     """Covariance of the estimate with noise as large as the residuals show, and as correlated in time, shape (p, p)."""
     covariance = scaled_covariance(edited.fit, edited.fit.noise_scale)
-    correlation = assess_time_correlation(edited.fit, order) if edited.ended else None
+    correlation = assess_time_correlation(edited.fit, order) if edited.is_at_minimum else None
     if correlation is None:
         return covariance, None
     return covariance + correlation.added_covariance, correlation if correlation.series else None
@@ -197,7 +197,7 @@ def fit_with_correlated_weights(
     # the result are those of the stated sigmas; estimate and factor those of the weights.
     stated = edited.fit
     # A fit that did not end has its own error status.
-    if not edited.ended:
+    if not edited.is_at_minimum:
         return edited
     series = independent_series(order, stated.noise, stated.used)
     correlation = assess_time_correlation(stated, order, series)

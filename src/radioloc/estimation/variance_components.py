@@ -29,7 +29,7 @@ from radioloc.parameters.parameter import ParameterSet
 from radioloc.quantities import accepts_quantities
 from radioloc.vectors import Floats
 
-_MAX_PASSES = 60  # the components of a biased station of strong weight settle slowly, within 30
+_MAX_ROUND_COUNT = 60  # the components of a biased station of strong weight settle slowly, within 30
 _MAX_SPLIT_COUNT = 10  # largest number of stations and links with a component of their own
 _SETTLED_FRACTION = 1e-3  # relative change of a settled sigma, far below its uncertainty
 
@@ -71,7 +71,7 @@ def fit_with_variance_components(
         edited = problem.fit_with(noise_m, None)
     edited = problem.settled(edited, groups)
     for _ in range(_MAX_SPLIT_COUNT):
-        divided = split(edited.fit, order, groups, edited.additive_sigma_m) if edited.ended else None
+        divided = split(edited.fit, order, groups, edited.additive_sigma_m) if edited.is_at_minimum else None
         if divided is None:
             break
         groups, edited = divided, problem.settled(edited, divided)
@@ -124,7 +124,7 @@ class _Problem:
         """Iterate fits and components of groups from a first fit until the components settle."""
         labels, group = groups.texts, groups.codes
         tried_m = [np.array([edited.additive_sigma_m.get(name, 0.0) for name in labels])]
-        for _ in range(_MAX_PASSES):
+        for _ in range(_MAX_ROUND_COUNT):
             if edited.fit.status in (FitStatus.DIVERGED, FitStatus.MAX_ITERATIONS):
                 break
             # Significance is tested once: with its component a group is no longer significant.
@@ -141,7 +141,7 @@ class _Problem:
             message = "; ".join(
                 filter(None, ("the additive variance components did not settle", edited.message))
             )
-            edited = replace(edited, complete=False, message=message)
+            edited = replace(edited, is_settled=False, message=message)
         sigma_of_group = dict(zip(labels, tried_m[-1].tolist(), strict=True))
         return replace(edited, additive_sigma_m={name: sigma_of_group[name] for name in groups.present()})
 

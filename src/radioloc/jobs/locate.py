@@ -346,15 +346,15 @@ def _estimate(
             start=start,
         )
         x = edited.fit.x
-        faults = phase_faults(edited, problem.order, counts) if edited.ended else {}
+        faults = phase_faults(edited, problem.order, counts) if edited.is_at_minimum else {}
         used_faults = {row: reason for row, reason in faults.items() if edited.fit.used[row]}
         phase_reasons |= used_faults
-        if stochastic is not None and edited.ended and not stochastic.is_linear(edited.fit):
+        if stochastic is not None and edited.is_at_minimum and not stochastic.is_linear(edited.fit):
             stochastic, start = stochastic.relinearized(edited.fit), x
             continue
         if used_faults:
             continue
-        is_final = not edited.ended or decision_count == _MAX_VISIBILITY_DECISIONS
+        is_final = not edited.is_at_minimum or decision_count == _MAX_VISIBILITY_DECISIONS
         if not is_final and not _is_near(model, visibility_x, x):
             decision_count, visibility_x = decision_count + 1, x
             new_status = _updated_visibility(model, x, status, edited.fit.used)

@@ -58,7 +58,7 @@ def build_solution(
     # `elevation_deg` is the lower of the stations' elevations, `count_s` NaN of types that are not counted. `described`
     # are further fields of Solution, among them position_pa_m, position_partials, rot_pa_to_me, pa_frame and me_frame.
     fit = edited.fit
-    statuses = [fit.status if edited.complete else FitStatus.UNSETTLED, *(doubt.status for doubt in doubts)]
+    statuses = [fit.status if edited.is_settled else FitStatus.UNSETTLED, *(doubt.status for doubt in doubts)]
     types, paths = Labels.from_texts(type), Labels.from_texts(path)
     residuals = Residuals(
         epoch_utc=epoch_utc,
@@ -107,7 +107,7 @@ def build_solution(
         observability=assess_observability(fit, None if count_s is None else ~np.isnan(count_s)),
         prior_effects=estimate.prior_effects,
         iterations=fit.iterations,
-        passes=edited.passes,
+        passes=edited.fit_count,
         series_weights=edited.series_weights,
         consider=estimate.consider,
         **described,

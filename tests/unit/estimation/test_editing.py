@@ -71,7 +71,7 @@ def test_too_many_outliers_are_not_cut_away():
     observed_m[np.random.default_rng(2).choice(100, 40, replace=False)] += np.linspace(50.0, 500.0, 40)
     edited = fit_with_editing(model.residual_function(observed_m), model.parameters(), 0.01)
     assert not edited.converged
-    assert not edited.ended
+    assert not edited.is_at_minimum
     assert edited.fit.used.all()
     assert "40 of 100 observations exceed 5 sigmas" in edited.message
     assert "check stations, sigmas and model" in edited.message
@@ -92,9 +92,9 @@ def test_a_rejection_cycle_ends_without_its_observations():
 
 
 def test_editing_that_does_not_settle_is_told(monkeypatch):
-    monkeypatch.setattr(editing, "_MAX_PASSES", 2)
+    monkeypatch.setattr(editing, "_MAX_FIT_COUNT", 2)
     edited = heavy_tails()
-    assert edited.message == "the editing did not settle in 2 passes"
+    assert edited.message == "the editing did not settle in 2 fits"
     assert edited.fit.converged
     assert not edited.converged
 
@@ -142,7 +142,7 @@ def test_undetermined_problems_are_edited_too():
     )
     edited = fit_with_editing(with_double, parameters, 0.01)
     assert edited.fit.status is FitStatus.UNOBSERVABLE
-    assert edited.ended
+    assert edited.is_at_minimum
     assert not edited.converged
     assert np.flatnonzero(~edited.fit.used).tolist() == [30]
 

@@ -45,7 +45,7 @@ def test_nothing_is_added_to_sigmas_that_suffice():
 
 
 def test_components_that_do_not_settle_are_told(monkeypatch):
-    monkeypatch.setattr(variance_components, "_MAX_PASSES", 1)
+    monkeypatch.setattr(variance_components, "_MAX_ROUND_COUNT", 1)
     result = fit(*line(400, 0.005, 0.05, 2))
     assert result.message == "the additive variance components did not settle"
     assert result.fit.converged

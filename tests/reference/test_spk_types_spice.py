@@ -29,6 +29,6 @@ def test_states_of_each_type_and_overlapping_segments_are_those_of_spice(tmp_pat
         by_spice = np.array([spiceypy.spkgeo(ORBITER, et, "J2000", 301)[0] for et in et_s])
     finally:
         spiceypy.kclear()
-    ours = trajectory.states(et_s, trajectory.segment_at(et_s))
+    ours = trajectory.states(et_s, trajectory.segment_indices(et_s))
     assert np.abs(by_spice).max() > 1.0
     np.testing.assert_allclose(ours, by_spice, rtol=0, atol=ROUNDING_KM)

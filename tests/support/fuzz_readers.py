@@ -219,7 +219,7 @@ def used(name: str, result: Any) -> ArrayLike:
             return np.concatenate([site.values for site in result.values()])
         case _ if name == "trajectory" or name.startswith("spk_type"):
             et_s = np.concatenate([np.linspace(*span, 7) for span in result.spans_s()[:20]])
-            segment = result.segment_at(et_s)
+            segment = result.segment_indices(et_s)
             return result.states(et_s[segment >= 0], segment[segment >= 0])
         case "crd" | "mini" | "table" | "observations" | "tdm" | "tdm_xml" | "parquet" | "odf":
             assert len(result) > 0

@@ -2,9 +2,9 @@
 
 Angles are measured in axes given as the rows of an array (3, 3), such as :func:`equatorial_axes`. Keplerian elements
 are those of Montenbruck and Gill (2000), section 2.2. Equinoctial elements are regular for circular and equatorial
-orbits (Walker, Ireland and Owens 1985, Celestial Mechanics 36, 409). With the imaginary unit i they are
-ex + i ey = e exp(i (periapsis + node)), hx + i hy = tan(inclination / 2) exp(i node), and the true longitude, periapsis
-+ node + true anomaly.
+orbits (Walker, Ireland and Owens 1985, Celestial Mechanics 36, 409): the semi-major axis; ex and ey, the eccentricity
+times cosine and sine of periapsis + node; hx and hy, tan(inclination / 2) times cosine and sine of the node; and the
+true longitude, periapsis + node + true anomaly.
 """
 
 from __future__ import annotations
@@ -29,10 +29,11 @@ KEPLERIAN = (
     "true_anomaly_deg",
 )
 EQUINOCTIAL = ("semi_major_axis_m", "ex", "ey", "hx", "hy", "true_longitude_deg")
-FORMS = {"keplerian": KEPLERIAN, "equinoctial": EQUINOCTIAL}
+ELEMENT_NAMES = {"keplerian": KEPLERIAN, "equinoctial": EQUINOCTIAL}
 """Names of the elements of each form, in order."""
 
 _IMAGINARY_STEP = 1e-30  # its square underflows: complex steps give partials without rounding
+_RAD_PER_DEG = np.pi / 180.0  # np.radians refuses complex numbers
 
 
 def equatorial_axes(libration: LunarOrientation, tdb: Epochs) -> Floats:
@@ -44,8 +45,9 @@ def equatorial_axes(libration: LunarOrientation, tdb: Epochs) -> Floats:
 
 def inclination_and_node_deg(state: Floats, axes: Floats) -> tuple[float, float]:
     """Return inclination and longitude of the ascending node (0 to 360) of a state in some axes, deg."""
-    x, y, z = axes @ np.cross(state[:3], state[3:])
-    return float(np.degrees(np.arctan2(np.hypot(x, y), z))), float(np.degrees(np.arctan2(x, -y)) % 360.0)
+    x, y, z = axes @ np.cross(state[:3], state[3:])  # angular momentum
+    inclination_rad, node_rad = np.arctan2(np.hypot(x, y), z), np.arctan2(x, -y)
+    return float(np.degrees(inclination_rad)), float(np.degrees(node_rad) % 360.0)
 
 
 def elements_from_state(
@@ -84,19 +86,19 @@ def elements_from_state(
     [1800000.0, 0.01, 88.0, 115.0, 30.0, 200.0]
     """
     _require_form(form)
-    r, v = (np.asarray(axes) @ half for half in np.reshape(state, (2, 3)))
-    momentum = np.cross(r, v)
+    position, velocity = (np.asarray(axes) @ vector for vector in np.reshape(state, (2, 3)))
+    momentum = np.cross(position, velocity)
     with np.errstate(divide="ignore", invalid="ignore"):
-        distance = np.linalg.norm(r)
-        semi_major_axis_m = 1.0 / (2.0 / distance - v @ v / gm_m3_s2)
-        wx, wy, wz = momentum / np.linalg.norm(momentum)
+        distance = np.linalg.norm(position)
+        semi_major_axis_m = 1.0 / (2.0 / distance - velocity @ velocity / gm_m3_s2)
+        normal_x, normal_y, normal_z = momentum / np.linalg.norm(momentum)
         # With an inclination of 180 deg the node is undefined.
-        hx, hy = -wy / (1.0 + wz), wx / (1.0 + wz)
-        first, second = _basis(hx, hy)
-        eccentricity_vector = np.cross(v, momentum) / gm_m3_s2 - r / distance
-    ex, ey = eccentricity_vector @ first, eccentricity_vector @ second
-    longitude = np.arctan2(r @ second, r @ first)
-    equinoctial = np.array([semi_major_axis_m, ex, ey, hx, hy, np.degrees(longitude) % 360.0])
+        hx, hy = -normal_y / (1.0 + normal_z), normal_x / (1.0 + normal_z)
+        axis_0, axis_90 = _orbital_axes(hx, hy)
+        eccentricity_vector = np.cross(velocity, momentum) / gm_m3_s2 - position / distance
+    ex, ey = eccentricity_vector @ axis_0, eccentricity_vector @ axis_90
+    true_longitude = np.arctan2(position @ axis_90, position @ axis_0)
+    equinoctial = np.array([semi_major_axis_m, ex, ey, hx, hy, np.degrees(true_longitude) % 360.0])
     if not np.isfinite(equinoctial).all():
         raise InputError(
             "state: expected an elliptic or hyperbolic orbit with an inclination below 180 deg, got "
@@ -105,10 +107,9 @@ def elements_from_state(
     if form == "equinoctial":
         return equinoctial
     node, periapsis_longitude = np.arctan2(hy, hx), np.arctan2(ey, ex)
-    angles = np.degrees([node, periapsis_longitude - node, longitude - periapsis_longitude]) % 360.0
-    return np.array(
-        [semi_major_axis_m, np.hypot(ex, ey), np.degrees(2.0 * np.arctan(np.hypot(hx, hy))), *angles]
-    )
+    eccentricity, inclination = np.hypot(ex, ey), 2.0 * np.arctan(np.hypot(hx, hy))
+    angles = [inclination, node, periapsis_longitude - node, true_longitude - periapsis_longitude]
+    return np.array([semi_major_axis_m, eccentricity, *(np.degrees(angles) % 360.0)])
 
 
 def state_from_elements(
@@ -132,12 +133,10 @@ def state_from_elements(
     values = np.asarray(elements, dtype=np.float64)
     if values.shape != (6,) or not np.isfinite(values).all():
         raise InputError(
-            f"elements: expected six finite numbers ({', '.join(FORMS[form])}), got {elements!r}"
+            f"elements: expected six finite numbers ({', '.join(ELEMENT_NAMES[form])}), got {elements!r}"
         )
-    semi_major_axis_m, eccentricity = (
-        values[0],
-        values[1] if form == "keplerian" else np.hypot(values[1], values[2]),
-    )
+    semi_major_axis_m = values[0]
+    eccentricity = values[1] if form == "keplerian" else np.hypot(values[1], values[2])
     if not (semi_major_axis_m > 0.0 and 0.0 <= eccentricity < 1.0):
         raise InputError(
             "elements: expected semi_major_axis_m above 0 and an eccentricity from 0 to less than 1, got "
@@ -145,48 +144,46 @@ def state_from_elements(
         )
     if form == "keplerian" and not 0.0 <= values[2] < 180.0:
         raise InputError(f"inclination_deg: expected 0 to less than 180, got {values[2]:g}")
-    return np.asarray(_state(values, gm_m3_s2, np.asarray(axes), form))
+    return np.asarray(_analytic_state(values, gm_m3_s2, np.asarray(axes), form))
 
 
 def state_with_partials(elements: Floats, gm_m3_s2: float, axes: Floats, form: str) -> tuple[Floats, Floats]:
-    """Return the state (6,) of an ellipse and its partials with respect to the elements, (6, 6)."""
-    steps = elements + 1j * _IMAGINARY_STEP * np.eye(6)
-    states = np.stack([_state(step, gm_m3_s2, axes, form) for step in steps], axis=-1)
+    """Return the state (6,) of elements of an orbit, and its partials with respect to them, (6, 6)."""
+    stepped = elements + 1j * _IMAGINARY_STEP * np.eye(6)
+    states = np.stack([_analytic_state(item, gm_m3_s2, axes, form) for item in stepped], axis=-1)
     return states[:, 0].real, states.imag / _IMAGINARY_STEP
 
 
 def _require_form(form: str) -> None:
-    if form not in FORMS:
-        raise InputError(f"form: expected {' or '.join(FORMS)}, got {form!r}")
+    if form not in ELEMENT_NAMES:
+        raise InputError(f"form: expected {' or '.join(ELEMENT_NAMES)}, got {form!r}")
 
 
-def _state(elements: NDArray[Any], gm_m3_s2: float, axes: Floats, form: str) -> NDArray[Any]:
-    """Compute the state analytically, so that complex steps give its partials."""
+def _analytic_state(elements: NDArray[Any], gm_m3_s2: float, axes: Floats, form: str) -> NDArray[Any]:
+    """Compute the state as an analytic function, whose complex steps give its partials."""
     if form == "keplerian":
         semi_major_axis_m, eccentricity = elements[:2]
-        inclination, node, periapsis, anomaly = elements[2:] * (np.pi / 180.0)
+        inclination, node, periapsis, anomaly = elements[2:] * _RAD_PER_DEG
         ex, ey = eccentricity * np.cos(periapsis + node), eccentricity * np.sin(periapsis + node)
         tangent = np.tan(0.5 * inclination)
         hx, hy = tangent * np.cos(node), tangent * np.sin(node)
-        longitude = periapsis + node + anomaly
+        true_longitude = periapsis + node + anomaly
     else:
-        semi_major_axis_m, ex, ey, hx, hy, longitude = elements
-        longitude = longitude * (np.pi / 180.0)
+        semi_major_axis_m, ex, ey, hx, hy, true_longitude_deg = elements
+        true_longitude = true_longitude_deg * _RAD_PER_DEG
+    cosine, sine = np.cos(true_longitude), np.sin(true_longitude)
     semi_latus_rectum = semi_major_axis_m * (1.0 - ex**2 - ey**2)
-    cosine, sine = np.cos(longitude), np.sin(longitude)
-    distance, speed = (
-        semi_latus_rectum / (1.0 + ex * cosine + ey * sine),
-        np.sqrt(gm_m3_s2 / semi_latus_rectum),
-    )
-    first, second = _basis(hx, hy)
-    position = distance * (cosine * first + sine * second)
-    velocity = speed * ((cosine + ex) * second - (sine + ey) * first)
+    distance = semi_latus_rectum / (1.0 + ex * cosine + ey * sine)
+    speed_scale = np.sqrt(gm_m3_s2 / semi_latus_rectum)
+    axis_0, axis_90 = _orbital_axes(hx, hy)
+    position = distance * (cosine * axis_0 + sine * axis_90)
+    velocity = speed_scale * ((cosine + ex) * axis_90 - (sine + ey) * axis_0)
     return np.concatenate([position @ axes, velocity @ axes])
 
 
-def _basis(hx: Any, hy: Any) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return directions of longitude 0 and 90 deg in the orbital plane."""
+def _orbital_axes(hx: Any, hy: Any) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Return the directions of longitude 0 and 90 deg in the orbital plane."""
     norm = 1.0 + hx**2 + hy**2
-    first = np.array([1.0 + hx**2 - hy**2, 2.0 * hx * hy, -2.0 * hy]) / norm
-    second = np.array([2.0 * hx * hy, 1.0 - hx**2 + hy**2, 2.0 * hx]) / norm
-    return first, second
+    axis_0 = np.array([1.0 + hx**2 - hy**2, 2.0 * hx * hy, -2.0 * hy]) / norm
+    axis_90 = np.array([2.0 * hx * hy, 1.0 - hx**2 + hy**2, 2.0 * hx]) / norm
+    return axis_0, axis_90

@@ -1,12 +1,12 @@
 """Trajectories of spacecraft from an SPK, relative to the Earth and the Moon of an ephemeris.
 
-This module reads the file without SPICE, whose pool of loaded kernels does not change; only the rotations of inertial
-frames other than the ICRF are those of SPICE.
+The file is read without SPICE, and kernels that are loaded there have no effect; only the rotations of inertial frames
+other than the ICRF come from SPICE.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Protocol, runtime_checkable
@@ -27,12 +27,12 @@ from radioloc.time import Epochs
 from radioloc.vectors import Floats
 
 _M_PER_KM = 1000.0
-_ICRF, _ICRF_CODE = "J2000", 1  # SPICE's
-_INERTIAL_CLASS = 1
+_ICRF, _ICRF_CODE = "J2000", 1  # SPICE's name and code of the ICRF
+_INERTIAL_CLASS = 1  # of frames in SPICE
 _EPHEMERIS_CENTERS = {0, 3, 10, 301, 399}  # NAIF codes of the centres that every ephemeris has
 _MAX_NATURAL_CODE = 999  # NAIF codes of the Sun, barycentres, planets and moons are 0 to 999
 _ALWAYS_S = (-np.inf, np.inf)
-_MAX_CHAIN = 10  # bodies from a spacecraft to the centre of an ephemeris; real files have two or three
+_MAX_CHAIN_LENGTH = 10  # bodies from a spacecraft to the centre of an ephemeris; real files have two or three
 
 
 @runtime_checkable
@@ -58,7 +58,7 @@ class AdjustableTrajectory(AnyTrajectory, Protocol):
     """Trajectory as a function of parameters, such as the state at an epoch and the forces."""
 
     def position_partials(self, tdb: Epochs) -> Floats:
-        """Partial derivatives of the position, ICRF axes, by the parameters, shape (n, 3, p)."""
+        """Partial derivatives of the position, ICRF axes, with respect to the parameters, shape (n, 3, p)."""
         ...
 
     def restricted_to(self, first: Epochs, last: Epochs) -> AdjustableTrajectory:
@@ -89,7 +89,7 @@ class Trajectory:
     kernel: KernelFile  #: its span is from the body's first epoch to its last, gaps or not
     body: int  #: NAIF code
     segments: tuple[TrajectorySegment, ...]  #: in the file's order
-    bases: Mapping[int, Trajectory]  #: of the centres that the same file gives, by NAIF code
+    center_trajectories: Mapping[int, Trajectory]  #: of centres that the same file gives, by NAIF code
     covered_s: tuple[tuple[float, float], ...]  #: disjoint spans, TDB seconds since J2000, in order
 
     @classmethod
@@ -122,12 +122,10 @@ class Trajectory:
         if body not in segments_by_body:
             bodies = ", ".join(map(str, sorted(segments_by_body))) or "none"
             raise KernelError(f"{kernel_path} has no body with the NAIF code {body}; it holds {bodies}")
-        return _trajectory(
-            KernelFile(kernel_path, "SPK", sha256_of(kernel_path), False, "", ""),
-            segments_by_body,
-            (body,),
-            {},
+        file = KernelFile(
+            kernel_path, "SPK", sha256_of(kernel_path), registered=False, start_tdb="", end_tdb=""
         )
+        return _trajectory(file, segments_by_body, (body,), {})
 
     @property
     def name(self) -> str:
@@ -157,23 +155,23 @@ class Trajectory:
         seconds_of_day = tdb.fraction * SECONDS_PER_DAY
         et_s = midnight_s + seconds_of_day
         rounding_s = (midnight_s - et_s) + seconds_of_day
-        indices = self.segment_at(et_s)
+        indices = self.segment_indices(et_s)
         if (indices < 0).any():
-            raise self._not_covered(et_s[indices < 0])
+            raise self._coverage_error(et_s[indices < 0])
         states = self.states(et_s, indices) * _M_PER_KM
         position_m, velocity_m_s = states[:, :3] + states[:, 3:] * rounding_s[:, None], states[:, 3:]
         centers = np.array([segment.center for segment in self.segments])[indices]
         for center in np.unique(centers).tolist():
             rows = np.flatnonzero(centers == center)
-            center_m, center_m_s = self._center(center, ephemeris, tdb[rows])
+            center_m, center_m_s = self._center_states(center, ephemeris, tdb[rows])
             position_m[rows] += center_m
             velocity_m_s[rows] += center_m_s
         return position_m, velocity_m_s
 
-    def _center(self, code: int, ephemeris: Ephemeris, tdb: Epochs) -> tuple[Floats, Floats]:
-        """Return geocentric position and velocity of the centre of segments."""
-        if code in self.bases:
-            return self.bases[code].geocentric(ephemeris, tdb)
+    def _center_states(self, code: int, ephemeris: Ephemeris, tdb: Epochs) -> tuple[Floats, Floats]:
+        """Return geocentric positions and velocities of a centre of segments."""
+        if code in self.center_trajectories:
+            return self.center_trajectories[code].geocentric(ephemeris, tdb)
         try:
             return ephemeris.geocentric_center(code, tdb)
         except KernelError as error:
@@ -185,16 +183,15 @@ class Trajectory:
         """Return the disjoint spans that the segments cover, TDB seconds since J2000, in the order of time."""
         return list(self.covered_s)
 
-    def _not_covered(self, outside_s: Floats) -> CoverageError:
-        first, last = span_dates(self.covered_s)
+    def _coverage_error(self, outside_s: Floats) -> CoverageError:
         return CoverageError(
             f"{self.kernel.path} (NAIF code {self.body})",
-            (first, last.replace(" with gaps", " TDB with gaps") if " " in last else f"{last} TDB"),
+            span_dates(self.covered_s),
             (f"{tdb_date(outside_s.min())} TDB", f"{tdb_date(outside_s.max())} TDB"),
             "use a trajectory that covers these epochs, or exclude them (start, stop, hours)",
         )
 
-    def segment_at(self, et_s: Floats) -> NDArray[np.intp]:
+    def segment_indices(self, et_s: Floats) -> NDArray[np.intp]:
         """Return the index of the last segment that covers each epoch, as in SPICE; -1 for uncovered epochs."""
         indices = np.full(len(et_s), -1)
         for k, segment in enumerate(self.segments):
@@ -202,18 +199,18 @@ class Trajectory:
         return indices
 
     def states(self, et_s: Floats, indices: NDArray[np.intp]) -> Floats:
-        """States relative to the segments' centres in the ICRF, km and km/s, shape (n, 6)."""
-        out = np.empty((len(et_s), 6))
+        """Return states relative to the segments' centres in the ICRF, km and km/s, shape (n, 6)."""
+        states = np.empty((len(et_s), 6))
         for k in np.unique(indices).tolist():
             segment, rows = self.segments[k], np.flatnonzero(indices == k)
             with np.errstate(all="ignore"):
                 halves = segment.series.states(et_s[rows]).reshape(-1, 2, 3) @ segment.rot_to_icrf.T
-            out[rows] = halves.reshape(-1, 6)
+            states[rows] = halves.reshape(-1, 6)
             if segment.axes is not None:
-                out[rows] = segment.axes.states_to_icrf(out[rows], et_s[rows])
-        if not np.isfinite(out).all():
+                states[rows] = segment.axes.states_to_icrf(states[rows], et_s[rows])
+        if not np.isfinite(states).all():
             raise KernelError(f"{self.kernel.path} is damaged: a state is not a number; fetch the file again")
-        return out
+        return states
 
 
 def _trajectory(
@@ -222,21 +219,21 @@ def _trajectory(
     chain: tuple[int, ...],
     opened: dict[int, Trajectory],
 ) -> Trajectory:
-    """Trajectory of the last body of a chain, with those of the bodies that its segments are relative to."""
+    """Return the trajectory of the last body of a chain, with those of the centres of its segments."""
     path, body = file.path, chain[-1]
-    if body in chain[:-1] or len(chain) > _MAX_CHAIN:
+    if body in chain[:-1] or len(chain) > _MAX_CHAIN_LENGTH:
+        excess = "a cycle" if body in chain[:-1] else f"a chain of more than {_MAX_CHAIN_LENGTH} bodies"
         raise KernelError(
-            f"{path} gives body {chain[0]} relative to others in a circle or a chain of more than {_MAX_CHAIN} bodies "
-            f"({', '.join(map(str, chain))}); expected one that ends at the Moon, the Earth, the Sun or a barycentre. "
-            "Write the trajectory relative to one of these"
+            f"{path} gives body {chain[0]} relative to others in {excess} ({', '.join(map(str, chain))}); write the "
+            "trajectory relative to the Moon, the Earth, the Sun or a barycentre"
         )
     if body in opened:
         return opened[body]
     segments = tuple(map(_trajectory_segment, segments_by_body[body]))
-    bases = {}
+    center_trajectories = {}
     for center in sorted({segment.center for segment in segments} - _EPHEMERIS_CENTERS):
         if center in segments_by_body:
-            bases[center] = _trajectory(file, segments_by_body, (*chain, center), opened)
+            center_trajectories[center] = _trajectory(file, segments_by_body, (*chain, center), opened)
         elif not 0 <= center <= _MAX_NATURAL_CODE:
             raise KernelError(
                 f"{path} gives body {body} relative to {center}, which it does not hold (it holds "
@@ -244,20 +241,27 @@ def _trajectory(
                 "by NAIF's spkmerge"
             )
     spans_s = merge_spans(
-        (max(segment.start_s, start_s), min(segment.end_s, end_s))
-        for segment in segments
-        for start_s, end_s in (bases[segment.center].covered_s if segment.center in bases else [_ALWAYS_S])
-        if start_s <= segment.end_s and segment.start_s <= end_s
+        span_s for segment in segments for span_s in _covered_spans_s(segment, center_trajectories)
     )
     if not spans_s:
         raise KernelError(
-            f"{path} gives body {body} relative to {', '.join(map(str, bases))}, but never for the same time; give a "
-            "file with both for the same time"
+            f"{path} gives body {body} relative to {', '.join(map(str, center_trajectories))}, but never for the same "
+            "time; give a file with both for the same time"
         )
     dates = tdb_date(spans_s[0][0]), tdb_date(spans_s[-1][1])
     kernel = replace(file, start_tdb=dates[0], end_tdb=dates[1])
-    opened[body] = Trajectory(kernel, body, segments, bases, tuple(spans_s))
+    opened[body] = Trajectory(kernel, body, segments, center_trajectories, tuple(spans_s))
     return opened[body]
+
+
+def _covered_spans_s(
+    segment: TrajectorySegment, center_trajectories: Mapping[int, Trajectory]
+) -> Iterator[tuple[float, float]]:
+    """Yield the parts of a segment's span for which its centre has a trajectory, or all of it for other centres."""
+    center = center_trajectories.get(segment.center)
+    for start_s, end_s in [_ALWAYS_S] if center is None else center.covered_s:
+        if start_s <= segment.end_s and segment.start_s <= end_s:
+            yield max(segment.start_s, start_s), min(segment.end_s, end_s)
 
 
 def _trajectory_segment(segment: DafSegment) -> TrajectorySegment:
@@ -270,17 +274,17 @@ def _trajectory_segment(segment: DafSegment) -> TrajectorySegment:
 
 
 def _rotation_to_icrf(path: Path, body: int, frame: int) -> Floats:
-    """Rotation from one of SPICE's inertial frames, by its code, to the ICRF."""
+    """Return the rotation from one of SPICE's inertial frames, by its code, to the ICRF."""
     if frame == _ICRF_CODE:
         return np.eye(3)
     import spiceypy
 
     try:
-        inertial = spiceypy.frinfo(frame)[1] == _INERTIAL_CLASS
+        is_inertial = spiceypy.frinfo(frame)[1] == _INERTIAL_CLASS
         name = spiceypy.frmnam(frame)
     except spiceypy.NotFoundError:
-        inertial, name = False, ""
-    if not inertial:
+        is_inertial, name = False, ""
+    if not is_inertial:
         raise KernelError(
             f"{path} gives body {body} in the frame {name or 'of NAIF code'} {f'({frame})' if name else frame}, which "
             f"rotates or is unknown; write the trajectory in an inertial frame such as {_ICRF}, or in axes of the Moon "

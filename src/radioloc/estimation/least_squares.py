@@ -13,8 +13,9 @@ A = dc/dx with the a-priori rows by orthogonal transformations, with the singula
 A step with mu = 0 that does not lower J is repeated with larger damping mu from the same decomposition. The covariance
 of the estimate is P = V S^-2 V^T. Directions of negligible singular values are undetermined and keep their start.
 
-Iterations end when a step is below the tolerance in formal sigmas, when the next step would be negligible, or when
-short steps no longer shrink, as they are rounding.
+Iterations end with convergence after a step below the tolerance; where the next step would be negligible; and where
+short steps no longer shrink, or do not lower J with any damping, as they are rounding. If a long step does not lower J
+with any damping, the fit diverges.
 
 References: Tapley, Schutz and Born (2004), sections 4.3 and 5.6; Bierman (1977), chapters IV and V; Levenberg (1944);
 Marquardt (1963).
@@ -57,13 +58,13 @@ from radioloc.quantities import accepts_quantities
 from radioloc.vectors import Floats
 
 _MAX_ITERATIONS = 30
-_STEP_TOLERANCE = 1e-3  # formal sigmas times sqrt(chi2/n); a step of s sigmas lowers J by s^2
-_NEGLIGIBLE_STEP = 1e-3  # of the tolerance: iterations end without such a step
+_STEP_TOLERANCE = 1e-3  # formal sigmas times sqrt(J/n); a step of s sigmas lowers J by s^2
+_NEGLIGIBLE_STEP = 1e-3  # in tolerances; iterations end before such a step
+_MAX_ROUNDING_STEP = 10.0  # in tolerances; shorter steps that do not halve are rounding
+_SHORT_STEP_SIGMAS = 0.1  # step below which rounding may raise J
+_MAX_FUTILE_STEP = 1e-3  # in sqrt(J) sigmas; a step that would lower J by a millionth is rounding
+_RELATIVE_ROUNDING = 1e-4  # of J, in sqrt(J): ranges are rounded to 1e-7 m, and residuals are millimetres
 _MAX_DAMPING = 1e3  # in largest singular values: the step is then 1e-6 of the undamped one
-_MAX_REFUSED_STEP = 1e-3  # of sqrt(J), in sigmas: J is at its minimum if it refuses such a step
-_SHORT_STEP_SIGMAS = 0.1  # step length below which rounding may raise the sum of squares
-_RELATIVE_ROUNDING = 1e-4  # of the root of the sum: ranges are rounded to 1e-7 m, residuals are millimetres
-_MAX_ROUNDING_STEP = 10.0  # of the tolerance: shorter steps that do not shrink are rounding
 _MAX_FACTOR_REUSE_STEP = 1.0  # in scales of the parameters; changes the partials by less than 1e-6
 
 
@@ -114,7 +115,7 @@ class FitResult:
         return self.chi2 / self.dof if self.dof > 0 else None
 
     @property
-    def independent_weights(self) -> bool:
+    def has_independent_weights(self) -> bool:
         """True if the weights are those of the stated noise, without correlation in time."""
         return isinstance(self.whitening, StructuredWhitener)
 
@@ -126,16 +127,16 @@ class FitResult:
         have 0.7 of the sigma of one range.
         """
         significant = self.dof > 0 and self.chi2 > chi2_quantile(SCALING_PROBABILITY, self.dof)
-        return math.sqrt(self.chi2 / self.dof) if significant and self.independent_weights else 1.0
+        return math.sqrt(self.chi2 / self.dof) if significant and self.has_independent_weights else 1.0
 
     def unit_partials(self, directions: Floats | None = None) -> RowsOf:
         """Return the function from rows (m,) to A P^(1/2), partials of parameters of unit covariance, (m, q).
 
         With orthonormal `directions` D, (q, w), it returns A P^(1/2) D, (m, w).
         """
-        root, smooth = self._root_covariance(directions), smooth_partials(self.linearization)
-        if smooth is not None:
-            return smooth.by(root)
+        root, polynomials = self._root_covariance(directions), smooth_partials(self.linearization)
+        if polynomials is not None:
+            return polynomials.by(root)
         return lambda rows: times(self.linearization.partials(rows), root)
 
     def _root_covariance(self, directions: Floats | None = None) -> Floats:
@@ -148,12 +149,12 @@ class FitResult:
 
     def leverage(self, rows: Rows) -> Floats:
         """Return the leverages of some observations (m,) by their stated sigmas, shape (m,)."""
-        smooth, unit_partials = smooth_partials(self.linearization), self.unit_partials()
-        if smooth is None:
+        polynomials, unit_partials = smooth_partials(self.linearization), self.unit_partials()
+        if polynomials is None:
             parts = [np.square(unit_partials(rows[part])).sum(axis=1) for part in slices(len(rows))]
             squares = np.concatenate([np.zeros(0), *parts])
         else:
-            squares = smooth.squares(rows, self._root_covariance())
+            squares = polynomials.squares(rows, self._root_covariance())
         return squares / self.sigma_m[rows] ** 2
 
     def whitened_unit_partials(self, directions: Floats | None = None) -> Iterator[Floats]:
@@ -216,7 +217,9 @@ def fit_least_squares(
     if (whitening is not None and process is None) or math.isnan(chi2):
         chi2 = _sum_of_squares(linearization.residual_m, stated, parameters, iterate.x)
     prior_count = int((np.isfinite(parameters.prior_sigmas) & parameters.free).sum())
-    smoothed = None
+    smoothed = correlation = None
+    if process is not None:  # the weights allow for the correlation by process noise, and no other is sought
+        correlation = TimeCorrelation((), np.zeros((len(x),) * 2), {})
     if isinstance(solver.whitening, InformationFilter):
         free, root = parameters.free, factor.root_covariance()
         smoothed = solver.whitening.smoothed(
@@ -235,7 +238,7 @@ def fit_least_squares(
         iterations=iterate.step_count,
         factor=factor,
         whitening=solver.whitening,
-        time_correlation=None if process is None else TimeCorrelation((), np.zeros((len(x),) * 2), {}),
+        time_correlation=correlation,
         smoothed=smoothed,
     )
 
@@ -278,10 +281,8 @@ class _GaussNewton:
             descent = self.descend(iterate, damping)
             if descent is None:
                 # The sum of squares is at its minimum to rounding, or the partials are wrong.
-                at_minimum = length <= max(
-                    _SHORT_STEP_SIGMAS, _MAX_REFUSED_STEP * np.sqrt(iterate.sum_of_squares)
-                )
-                return iterate, FitStatus.CONVERGED if at_minimum else FitStatus.DIVERGED
+                max_step = max(_SHORT_STEP_SIGMAS, _MAX_FUTILE_STEP * np.sqrt(iterate.sum_of_squares))
+                return iterate, FitStatus.CONVERGED if length <= max_step else FitStatus.DIVERGED
             previous_length, factor = length, iterate.factor
             iterate, damping = descent
             damping = damping / 3.0 if damping > 0.0 and damping > factor.least_damping else 0.0
@@ -292,7 +293,7 @@ class _GaussNewton:
     def descend(self, iterate: _Iterate, damping: float) -> tuple[_Iterate, float] | None:
         """Increase the damping until a step lowers the sum of squares; None if no step does.
 
-        Undamped steps overshoot to positions without a model (`tests/unit/estimation/test_least_squares.py`).
+        Undamped steps can overshoot to positions without a model.
         """
         factor, length = iterate.factor, iterate.factor.step_sigmas
         while damping == 0.0 or damping <= _MAX_DAMPING * factor.singular_values[0]:
@@ -347,5 +348,5 @@ def _sum_of_squares(residual_m: Floats, whitening: Whitener, parameters: Paramet
     prior = (x - parameters.prior_values)[free] / parameters.prior_sigmas[free]
     total = float((prior * prior).sum())
     for part in whitening.whitened(column(residual_m)):
-        total += float(np.square(part, out=part).sum())
+        total += float(np.square(part).sum())
     return total if np.isfinite(total) else np.inf

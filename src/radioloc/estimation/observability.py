@@ -183,7 +183,9 @@ def assess_observability(fit: FitResult, counted: NDArray[np.bool_] | None = Non
     sigma_m = float(np.median(fit.sigma_m[lengths])) if lengths.any() else 0.0
     root = fit.factor.root_covariance()[is_estimated]
     vectors, sigmas, _ = np.linalg.svd(root / scales[:, None], full_matrices=False)
-    covariance = fit.covariance if fit.independent_weights else covariance_matrix(fit.factor, fit.parameters)
+    covariance = (
+        fit.covariance if fit.has_independent_weights else covariance_matrix(fit.factor, fit.parameters)
+    )
     covariance = covariance[np.ix_(~considered, ~considered)]
     return Observability(
         singular_values=fit.factor.singular_values,

@@ -86,12 +86,12 @@ def merge_spans(spans_s: Iterable[tuple[float, float]]) -> list[tuple[float, flo
 
 
 def span_dates(spans_s: Iterable[tuple[float, float]]) -> tuple[str, str]:
-    """Return the first and last epoch of a union of spans as dates, the last with the gaps between the spans."""
+    """Return the first and last epoch of a union of spans as dates of TDB, the last with the gaps between the spans."""
     merged = merge_spans(spans_s)
     texts = [f"{tdb_date(start_s)} to {tdb_date(end_s)}" for start_s, end_s in merged]
     remainder = f" and {len(texts) - _MAX_LISTED_SPANS} more" if len(texts) > _MAX_LISTED_SPANS else ""
     gaps = f" with gaps ({', '.join(texts[:_MAX_LISTED_SPANS])}{remainder})" if len(texts) > 1 else ""
-    return tdb_date(merged[0][0]), f"{tdb_date(merged[-1][1])}{gaps}"
+    return f"{tdb_date(merged[0][0])} TDB", f"{tdb_date(merged[-1][1])} TDB{gaps}"
 
 
 def _check_header(header: bytes, path: Path, kind: str) -> None:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import erfa
 import numpy as np
+from numpy.polynomial.polynomial import polyval
 from numpy.typing import ArrayLike, NDArray
 
 from radioloc import vectors
@@ -25,8 +26,8 @@ from radioloc.vectors import Floats
 def earth_elevation_rad(
     ephemeris: Ephemeris, libration: LunarOrientation, tdb: Epochs, point_pa_m: Floats
 ) -> Floats:
-    """Elevation of the Earth's centre for a point on the Moon (principal axes, m), rad, (n,); good to 1 degree."""
-    # Light time, aberration and the Earth's radius are left out.
+    """Elevation of the Earth's centre at a point on the Moon (principal axes, m), rad, (n,), to 1 degree."""
+    # Light time, aberration and the Earth's radius are neglected.
     moon_m, _ = ephemeris.geocentric("moon", tdb)
     angles_rad, _ = libration.angles(tdb)
     to_earth_m = np.einsum("nij,nj->ni", rot_icrf_to_pa(angles_rad), -moon_m) - point_pa_m
@@ -46,9 +47,15 @@ def sun_me_m(epochs: Epochs) -> Floats:
 def hidden_by_moon(
     point_m: ArrayLike, station_m: ArrayLike, radius_m: ArrayLike = MEAN_LUNAR_RADIUS_M
 ) -> NDArray[np.bool_]:
-    """Determine whether a lunar sphere is between points and stations, positions from its centre, m, (..., 3).
+    """Determine whether a lunar sphere is between points and stations.
 
-    Points inside the sphere are hidden: give the radius of a point that is lower, as on most of the near side.
+    Parameters
+    ----------
+    point_m, station_m : array_like, shape (..., 3)
+        Positions from the Moon's centre in the same axes, m.
+    radius_m : array_like, optional
+        Radius of the sphere, m. Points inside the sphere are hidden: give the distance of a point below the mean
+        radius, as on most of the near side.
     """
     point = as_float_array(point_m, "m", "point_m")
     ray = as_float_array(station_m, "m", "station_m") - point
@@ -126,9 +133,12 @@ def rot_icrf_to_me(tdb: Epochs) -> Floats:
 
 
 # Archinal et al. (2011), table 2, Moon (NAIF's pck00010.tpc and pck00011.tpc); the WGCCRE report of 2015
-# (Archinal et al. 2018) recommends the ephemeris instead and gives no newer series. Degrees; rates of the
-# arguments per day. Columns: argument, its rate, amplitudes in pole RA (sine), pole declination (cosine), W
-# (sine).
+# (Archinal et al. 2018) recommends the ephemeris instead and gives no newer series.
+_IAU_POLE_RA_DEG = (269.9949, 0.0031)  # at J2000; change per century
+_IAU_POLE_DEC_DEG = (66.5392, 0.0130)
+_IAU_PRIME_MERIDIAN_DEG = (38.3213, 13.17635815, -1.4e-12)  # at J2000; per day; per day^2
+# Degrees; rates of the arguments per day. Columns: argument, its rate, amplitudes in pole RA (sine), pole declination
+# (cosine), prime meridian (sine).
 _IAU_TERMS = np.array(
     [
         [125.045, -0.0529921, -3.8787, 1.5419, 3.5610],
@@ -150,11 +160,11 @@ _IAU_TERMS = np.array(
 
 @accepts_quantities
 def rot_icrf_to_iau_moon(tdb: EpochsLike) -> Floats:
-    """Rotation from the ICRF to the IAU's mean rotation of the Moon (SPICE's IAU_MOON) at epochs of TDB, (n, 3, 3).
+    """Rotation from the ICRF to the axes of the IAU rotation model of the Moon, SPICE's IAU_MOON, shape (n, 3, 3).
 
     Rz(W) Rx(90 deg - delta) Rz(90 deg + alpha) of the pole's right ascension alpha and declination delta and the prime
-    meridian W (Archinal et al. 2011, table 2). The series leaves the axes up to 155 m away from ME_DE421 on the
-    surface; it is for comparison with data given in these axes, not for tracking.
+    meridian W (Archinal et al. 2011, table 2) at epochs of TDB. On the surface the axes are up to 155 m from ME_DE421;
+    they are for comparison with data given in them, not for tracking.
 
     Examples
     --------
@@ -167,15 +177,13 @@ def rot_icrf_to_iau_moon(tdb: EpochsLike) -> Floats:
     days = (tdb.jd - J2000_JD) + tdb.fraction
     centuries = days / 36525.0
     arguments = np.radians(_IAU_TERMS[:, 0] + np.multiply.outer(days, _IAU_TERMS[:, 1]))
-    pole_ra_deg = 269.9949 + 0.0031 * centuries + np.sin(arguments) @ _IAU_TERMS[:, 2]
-    pole_dec_deg = 66.5392 + 0.0130 * centuries + np.cos(arguments) @ _IAU_TERMS[:, 3]
-    # Horner's rule and the reduction modulo 360 deg keep the precision of W, which grows by thousands of turns.
-    prime_meridian_deg = (38.3213 + days * (13.17635815 - 1.4e-12 * days)) % 360.0 + np.sin(
-        arguments
-    ) @ _IAU_TERMS[:, 4]
-    return rot_icrf_to_pa(
-        np.radians(np.stack([90.0 + pole_ra_deg, 90.0 - pole_dec_deg, prime_meridian_deg], axis=-1))
-    )
+    sines, cosines = np.sin(arguments), np.cos(arguments)
+    pole_ra_deg = polyval(centuries, _IAU_POLE_RA_DEG) + sines @ _IAU_TERMS[:, 2]
+    pole_dec_deg = polyval(centuries, _IAU_POLE_DEC_DEG) + cosines @ _IAU_TERMS[:, 3]
+    # The reduction modulo 360 deg keeps the precision of the prime meridian, which grows by thousands of turns.
+    prime_meridian_deg = polyval(days, _IAU_PRIME_MERIDIAN_DEG) % 360.0 + sines @ _IAU_TERMS[:, 4]
+    euler_deg = np.stack([90.0 + pole_ra_deg, 90.0 - pole_dec_deg, prime_meridian_deg], axis=-1)
+    return rot_icrf_to_pa(np.radians(euler_deg))
 
 
 def _angles(values: ArrayLike, unit: str, name: str) -> Floats:

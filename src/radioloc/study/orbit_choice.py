@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.dynamics import BODIES, STATE, Acceleration, Forces, GravityField, Impulse
-from radioloc.dynamics.elements import FORMS
+from radioloc.dynamics.elements import ELEMENT_NAMES
 from radioloc.dynamics.gravity import PACKAGED
 from radioloc.errors import InputError
 from radioloc.study.orbiter import GRAVITY_ERROR_DEGREE, GRAVITY_ERRORS
@@ -23,7 +23,7 @@ EMPIRICAL_NAME = "empirical"
 EMPIRICAL_SIGMA_M_S2 = 3e-9
 """A field to degree 150 leaves out some 1e-8 m/s2 at 50 km, little of it with the period of the orbit."""
 MAX_SEGMENT_COUNT = 1000  # of an acceleration
-_STATE_FORMS = {"rtn": RTN, **FORMS}
+_STATE_FORMS = {"rtn": RTN, **ELEMENT_NAMES}
 
 
 def _gravity(table: TomlTable, key: str) -> str | Path | None:

@@ -11,7 +11,7 @@ from typing import ClassVar, Self
 import numpy as np
 
 from radioloc.dynamics import STATE, AdjustableOrbit
-from radioloc.dynamics.elements import FORMS, elements_from_state, state_with_partials
+from radioloc.dynamics.elements import ELEMENT_NAMES, elements_from_state, state_with_partials
 from radioloc.dynamics.gravity_errors import draw_gravity_errors, gravity_perturbations
 from radioloc.estimation.status import Doubt
 from radioloc.measurements.target_motion import OrbitMotion
@@ -203,7 +203,7 @@ def _state(
             else ("1", 1.0 / _ORBIT_SIZE_M)
         )
 
-    names = {name: unit_and_scale(name) for name in FORMS[form]}
+    names = {name: unit_and_scale(name) for name in ELEMENT_NAMES[form]}
     values = elements_from_state(orbit.state, gm, equator, form)
     return names, values, partial(state_with_partials, gm_m3_s2=gm, axes=equator, form=form)
 

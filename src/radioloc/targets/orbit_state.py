@@ -12,7 +12,7 @@ import numpy as np
 
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.dynamics import AdjustableOrbit, Orbit
-from radioloc.dynamics.elements import FORMS, elements_from_state, state_with_partials
+from radioloc.dynamics.elements import ELEMENT_NAMES, elements_from_state, state_with_partials
 from radioloc.dynamics.stochastic import Chains, StochasticEffects
 from radioloc.quantities import EpochsLike, accepts_quantities
 from radioloc.text_files import finite_or_none
@@ -184,8 +184,8 @@ class OrbitState:
         if np.isfinite(self.covariance).all() and np.isfinite(by_state).all():
             variances = np.diag(by_state @ self.covariance @ by_state.T)
         sigmas = [finite_or_none(sigma) for sigma in np.sqrt(variances).tolist()]
-        return dict(zip(FORMS[form], values.tolist(), strict=True)), dict(
-            zip(FORMS[form], sigmas, strict=True)
+        return dict(zip(ELEMENT_NAMES[form], values.tolist(), strict=True)), dict(
+            zip(ELEMENT_NAMES[form], sigmas, strict=True)
         )
 
     def apsides_m(self) -> tuple[float, float | None]:
@@ -200,7 +200,7 @@ class OrbitState:
         determined = bool(np.isfinite(self.parameter_covariance).all())
         sigmas = self.sigma_rtn_m(mapped) if determined else np.full((_MAPPED_EPOCH_COUNT, 3), np.inf)
         at_epoch = self.sigma_rtn_m(self.epoch)[0] if determined else np.full(3, np.inf)
-        (elements, element_sigmas), (equinoctial, equinoctial_sigmas) = map(self.elements, FORMS)
+        (elements, element_sigmas), (equinoctial, equinoctial_sigmas) = map(self.elements, ELEMENT_NAMES)
         lowest_m, highest_m = self.apsides_m()
         return {
             "name": self.orbit.name,

@@ -40,7 +40,7 @@ def test_a_lander_that_was_exported_is_read_where_spice_has_it(tmp_path, ephemer
     with spiceypy.KernelPool([str(file) for file in (find_kernel(ephemeris, "PCK"), spk, frames)]):
         expected = np.array([spiceypy.spkgeo(-900, et, "J2000", 301)[0] for et in AT_S])
     read = Trajectory.open(spk, -900)
-    states = read.states(AT_S, read.segment_at(AT_S))
+    states = read.states(AT_S, read.segment_indices(AT_S))
     assert np.abs(states - expected)[:, :3].max() * 1e3 < SAME_M
     assert np.abs(states - expected)[:, 3:].max() * 1e3 < SAME_M_S
     assert f"in PA_{ephemeris}, 1898" in str(read)
@@ -64,7 +64,7 @@ def test_an_orbit_in_each_of_the_axes(tmp_path, code):
         spiceypy.furnsh(str(orbit))
         expected = np.array([spiceypy.spkgeo(ORBITER, et, "J2000", 301)[0] for et in AT_S])
     read = Trajectory.open(orbit, ORBITER)
-    states = read.states(AT_S, read.segment_at(AT_S))
+    states = read.states(AT_S, read.segment_indices(AT_S))
     assert np.abs(states - expected)[:, :3].max() * 1e3 < SAME_M
     assert np.abs(states - expected)[:, 3:].max() * 1e3 < SAME_M_S
 

@@ -26,7 +26,7 @@ def orbit(tmp_path):
 
 def states_km(path, et_s=AT_S, body=ORBITER):
     source = Trajectory.open(path, body)
-    return source.states(et_s, source.segment_at(et_s))
+    return source.states(et_s, source.segment_indices(et_s))
 
 
 def test_states_are_those_that_were_written(orbit):
@@ -120,7 +120,7 @@ def test_a_trajectory_relative_to_another_of_the_file_is_their_sum(tmp_path):
     ("chain", "words"),
     [
         ([(-900, -901, 1.0)], "relative to -901, which it does not hold"),
-        ([(-900, -901, 1.0), (-901, -900, 1.0)], "in a circle"),
+        ([(-900, -901, 1.0), (-901, -900, 1.0)], "in a cycle"),
     ],
 )
 def test_a_chain_that_does_not_end_is_refused_when_it_is_opened(tmp_path, chain, words):

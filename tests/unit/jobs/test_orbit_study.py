@@ -12,7 +12,7 @@ from tracked_orbit import OFF, STATE, craft, grail_study, one_way_rms_mm_s, trac
 
 import radioloc
 from radioloc.dynamics import Forces, GravityField
-from radioloc.dynamics.elements import FORMS, elements_from_state, equatorial_axes
+from radioloc.dynamics.elements import ELEMENT_NAMES, elements_from_state, equatorial_axes
 from radioloc.dynamics.gravity_errors import draw_gravity_errors
 from radioloc.errors import InputError
 from radioloc.estimation import FitStatus
@@ -59,7 +59,7 @@ def test_an_orbit_is_found_again_from_hundreds_of_metres_away(solution):
     assert solution.fit.total.wrms_m < 1.3 * SIGMA_M
 
 
-@pytest.mark.parametrize("form", ["cartesian", "rtn", *FORMS])
+@pytest.mark.parametrize("form", ["cartesian", "rtn", *ELEMENT_NAMES])
 def test_workers_receive_an_orbit_with_its_parameters(solution, form):
     parameters, changes = orbit_parameters(solution.state.orbit, {}, estimated=True, form=form)
     values = np.array([parameter.prior_value for parameter in parameters])
@@ -177,7 +177,11 @@ def test_sigmas_of_other_forms_are_information_on_the_state(forces, doppler, sol
         names = ["radial_m", "along_m", "across_m", "radial_m_s", "along_m_s", "across_m_s"]
     else:
         form = "keplerian" if "node_deg" in sigmas else "equinoctial"
-        gm, equator, names = reference.state.orbit.gm_m3_s2, reference.state.orbit.equator, list(FORMS[form])
+        gm, equator, names = (
+            reference.state.orbit.gm_m3_s2,
+            reference.state.orbit.equator,
+            list(ELEMENT_NAMES[form]),
+        )
         ends = [
             elements_from_state(STATE + sign * np.diag([1.0] * 3 + [1e-3] * 3)[k], gm, equator, form)
             for k in range(6)
@@ -211,12 +215,12 @@ def written(tmp_path, *, target="", forces="", extra=""):
 
 
 @pytest.mark.parametrize("axes", ["equator", "ICRF"])
-@pytest.mark.parametrize("form", list(FORMS))
+@pytest.mark.parametrize("form", list(ELEMENT_NAMES))
 def test_a_study_file_gives_the_state_by_elements(tmp_path, model, form, axes):
     turned = equatorial_axes(model.libration, EPOCH) if axes == "equator" else np.eye(3)
     elements = elements_from_state(STATE, model.ephemeris.constants.gm_m3_s2("moon"), turned, form)
     lines = "\n".join(
-        f"{name} = {value!r}" for name, value in zip(FORMS[form], elements.tolist(), strict=True)
+        f"{name} = {value!r}" for name, value in zip(ELEMENT_NAMES[form], elements.tolist(), strict=True)
     )
     path = written(tmp_path, target=f'{lines}\naxes = "{axes}"')
     selected = [

@@ -31,7 +31,7 @@ def test_the_files_are_what_the_script_makes(script, tmp_path):
     assert np.abs(simulated.value_m - shipped.value_m).max() < REVISED_M
     source = radioloc.ephemeris.Trajectory.open(EXAMPLE / "orbiter.bsp", script.BODY)
     et_s = np.arange(script.FIRST_S, script.LAST_S, 7.0 * script.STEP_S)
-    states = source.states(et_s, source.segment_at(et_s))
+    states = source.states(et_s, source.segment_indices(et_s))
     assert np.abs(states - script.states_km(et_s)).max() < ROUNDED_KM
 
 

@@ -161,7 +161,7 @@ def test_a_split_of_two_links_of_a_station_is_told(tracking):
 @pytest.mark.parametrize("passes", [60, 5])
 def test_a_clock_error_is_named_whether_variance_components_settle_or_not(tracking, passes, monkeypatch):
     """50 ns of SESHAN25: the component of the delays grows for 23 fits before the station has its own."""
-    monkeypatch.setattr(variance_components, "_MAX_PASSES", passes)
+    monkeypatch.setattr(variance_components, "_MAX_ROUND_COUNT", passes)
     paths = np.array(tracking.paths())
     signs = 1.0 * np.char.endswith(paths, "<lander>SESHAN25") - np.char.startswith(paths, "SESHAN25<")
     solution = radioloc.locate(study(), replace(tracking, value_m=tracking.value_m + 50e-9 * C_M_S * signs))

@@ -428,16 +428,13 @@ def _has_specific_equivalent(index: int, products: ScoreProducts, tests: list[_E
     return bool((squares > limits).any())
 
 
-def _is_more_specific(other: Hypothesis, hypothesis: Hypothesis, *, is_earlier: bool) -> bool:
-    """Compare the kinds of two errors, a common error with that of one member, or two parameters of one member."""
-    if _ERROR_KINDS.index(other.kind) < _ERROR_KINDS.index(hypothesis.kind):
+def _is_more_specific(first: Hypothesis, second: Hypothesis, *, is_earlier: bool) -> bool:
+    """Compare the kinds of two errors, one member's error with the common one, or two parameters of one member."""
+    if _ERROR_KINDS.index(first.kind) < _ERROR_KINDS.index(second.kind):
         return True
-    if hypothesis.member == ALL and other.member != ALL:
+    if second.member == ALL and first.member != ALL:
         return True
-    is_parameter_of_member = (
-        other.kind == hypothesis.kind == "parameter" and other.member == hypothesis.member
-    )
-    return is_earlier and is_parameter_of_member
+    return is_earlier and first.kind == second.kind == "parameter" and first.member == second.member
 
 
 def _log_odds(test: _ErrorTest) -> float:

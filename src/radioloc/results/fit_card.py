@@ -215,9 +215,9 @@ class _RangeMean:
     mean_m: float
     variance_m2: float
 
-    def sigmas_below(self, other: _RangeMean) -> float:
-        """Difference to another mean in its standard deviations."""
-        return (other.mean_m - self.mean_m) / math.sqrt(self.variance_m2 + other.variance_m2)
+    def sigmas_below(self, higher: _RangeMean) -> float:
+        """Difference to a higher mean in its standard deviations."""
+        return (higher.mean_m - self.mean_m) / math.sqrt(self.variance_m2 + higher.variance_m2)
 
 
 def _disagreement_lines(solution: Solution) -> Iterator[str]:

@@ -178,7 +178,9 @@ def test_ephemeris_without_the_moon_or_of_unknown_name(tmp_path):
 
 def test_a_short_kernel_says_what_it_covers(tmp_path):
     ephemeris = Ephemeris.open(chebyshev_spk(tmp_path / "short.bsp", "DE-0421LE-0421", PAIRS_OF_DE440))
-    with pytest.raises(CoverageError, match=r"short\.bsp.*2000-01-01T12:00:00 TDB to 2000-02-10T12:00:00 TDB"):
+    with pytest.raises(
+        CoverageError, match=r"short\.bsp.*2000-01-01T12:00:00 TDB to 2000-02-10T12:00:00 TDB"
+    ):
         ephemeris.earth(Epochs.from_jd(2459000.5, 0.0, "TDB"))
 
 

@@ -120,7 +120,7 @@ def _arcs_json() -> bytes:
     row = {
         "name": "map",
         "method": "reference",
-        "longitude_west_deg": 51.9,
+        "longitude_deg": -51.9,
         "latitude_deg": 43.0,
         "height_m": 0.0,
     }

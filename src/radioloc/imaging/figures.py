@@ -237,9 +237,9 @@ def _draw_about(axes: Axes, solution: PointSolution, reach_m: float) -> float:
     factor = draw_square(axes, (0.0, 0.0), reach_m, "the position")
     draw_place(axes, factor, np.zeros(2), "position", solution.method, 0)
     for k, (name, place) in enumerate(solution.references.items()):
-        _, _, west_m, north_m, _ = difference(place.selenographic, solution.position.selenographic)
-        if max(abs(west_m), abs(north_m)) < reach_m:
-            draw_place(axes, factor, np.array([-west_m, north_m]), name, "reference", k)
+        _, _, east_m, north_m, _ = difference(place.selenographic, solution.position.selenographic)
+        if max(abs(east_m), abs(north_m)) < reach_m:
+            draw_place(axes, factor, np.array([east_m, north_m]), name, "reference", k)
     return factor
 
 

@@ -113,12 +113,12 @@ class _ImageResult(Result):
 
     def _differences(self) -> Iterator[dict[str, Any]]:
         for name, place in self.references.items():
-            *_, west_m, north_m, up_m = difference(self.position.selenographic, place.selenographic)
+            *_, east_m, north_m, up_m = difference(self.position.selenographic, place.selenographic)
             yield {
                 "name": name,
                 **dict(zip(GEOGRAPHIC, place.selenographic, strict=True)),
-                **by_axis(EAST_NORTH_UP, (-west_m, north_m, up_m)),
-                "horizontal_m": math.hypot(west_m, north_m),
+                **by_axis(EAST_NORTH_UP, (east_m, north_m, up_m)),
+                "horizontal_m": math.hypot(east_m, north_m),
             }
 
     def __repr__(self) -> str:
@@ -222,8 +222,8 @@ class MapResult(NamedTuple):
         if solution is None:
             return content
         place = solution.position.selenographic
-        *_, west_m, north_m, up_m = difference(place, leading.position.selenographic)
-        offset_m = np.array([-west_m, north_m])
+        *_, east_m, north_m, up_m = difference(place, leading.position.selenographic)
+        offset_m = np.array([east_m, north_m])
         # Errors after the last image, of the lens and of the height are common to both.
         total = sum(
             (
@@ -238,7 +238,7 @@ class MapResult(NamedTuple):
             "served": is_leading,
             **dict(zip(GEOGRAPHIC, place, strict=True)),
             "sigma": by_axis(EAST_NORTH_UP, solution.sigma_enu_m),
-            "difference": by_axis(EAST_NORTH_UP, (-west_m, north_m, up_m)),
+            "difference": by_axis(EAST_NORTH_UP, (east_m, north_m, up_m)),
             "misfit_sigmas": 0.0
             if is_leading
             else float(np.sqrt(offset_m @ np.linalg.solve(total, offset_m))),

@@ -260,7 +260,7 @@ def read_solutions(source: str | Path | Result) -> tuple[list[RecordedSolution],
         raise InputError(f"solutions: expected results with a position, got {type(source).__name__}")
     arcs = content["arcs"] if "positions" in content else [{"solution": content}]
     references = {
-        row["name"]: (-row["longitude_west_deg"], row["latitude_deg"], row["height_m"])
+        row["name"]: (row["longitude_deg"], row["latitude_deg"], row["height_m"])
         for row in content.get("positions", ())
         if row["method"] == "reference"
     }
@@ -314,7 +314,7 @@ def _row(content: Mapping[str, Any], name: str, place: Mapping[str, Any]) -> Pos
 
 
 def _sigmas(values: Iterable[float | None]) -> dict[str, Any]:
-    return dict(zip(("sigma_west_m", "sigma_north_m", "sigma_up_m"), values, strict=True))
+    return dict(zip(("sigma_east_m", "sigma_north_m", "sigma_up_m"), values, strict=True))
 
 
 @dataclass(frozen=True, slots=True)

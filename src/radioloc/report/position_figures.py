@@ -173,7 +173,7 @@ def _draw_rows(
 
 def _offset_m(row: PositionRow) -> tuple[float, float, float]:
     """Return the offset east, north and up of the benchmark; zero for the benchmark itself."""
-    return -(row.west_m or 0.0), row.north_m or 0.0, row.up_m or 0.0
+    return row.east_m or 0.0, row.north_m or 0.0, row.up_m or 0.0
 
 
 @draws_names_literally
@@ -187,7 +187,7 @@ def plot_arcs(study: ArcStudy, ax: Axes | None = None) -> Figure:
     origin_m = study.references[0].position.xyz_m if study.references else study.longest.position_me_m
     covariances_m2: list[Floats | None] = [None] * len(rows)
     for k, arc in enumerate(study.arcs):
-        if rows[k].sigma_west_m is not None:  # near a pole, east and north differ from those at the origin
+        if rows[k].sigma_east_m is not None:  # near a pole, east and north differ from those at the origin
             rotation = rot_enu_between(arc.solution.position_me_m, origin_m)
             covariances_m2[k] = rotated_covariance(rotation, arc.solution.position_covariance())[:2, :2]
     _draw_rows(plane, rows, covariances_m2, study.benchmark)

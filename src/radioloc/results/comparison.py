@@ -238,7 +238,7 @@ class Comparison(Result):
         row = next(row for row in self.rows if row.method == "joint")
         east, north, up = map(metres, row.sigmas_m)
         yield (
-            f"{-row.longitude_west_deg:.5f} deg E, {row.latitude_deg:.5f} deg N, {row.height_m:.1f} m, from "
+            f"{row.longitude_deg:.5f} deg E, {row.latitude_deg:.5f} deg N, {row.height_m:.1f} m, from "
             f"{' and '.join(self.joint.names)}; sigmas east {east}, north {north}, up {up} m"
         )
         yield f"chi2 {self.joint.chi2:.2f} with {plural(self.joint.dof, 'degree')} of freedom"

@@ -246,7 +246,7 @@ _SOLUTION = {
     "targets?": {"*": _LOCATED | _ERRORS},
     **_ERRORS,
 }
-_ROW_PLACE = {"longitude_west_deg": _number(-360.0, 360.0), "latitude_deg": _LATITUDE, "height_m": _METRES}
+_ROW_PLACE = {"longitude_deg": _number(-360.0, 360.0), "latitude_deg": _LATITUDE, "height_m": _METRES}
 
 
 def _row(value: Any, place: str) -> None:

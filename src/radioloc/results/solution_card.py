@@ -37,7 +37,7 @@ from radioloc.results.cards import (
     table,
     value_text,
 )
-from radioloc.results.fit_card import finding_lines, fit_fields, rejected_detail
+from radioloc.results.fit_card import finding_lines, fit_fields, rejected_detail, select_findings
 from radioloc.results.names import error_name, parameter_name, source_name, with_parameter_names
 from radioloc.results.solution import Level, Solution, build_card
 from radioloc.results.tables import ellipse_text
@@ -49,6 +49,7 @@ _MAX_ROWS = 6
 _MAX_PARAMETERS = 12
 _MAX_NAMED_SOURCES = 3
 _MAX_SENTENCES = 4
+_MIN_EXCESS_RATIO = 1.01  # of a total sigma over its a-priori one from which the card explains it
 _MIN_VARIANCE_FRACTION = 0.005  # smallest part of the variance of a source that the card names
 _MEASURES = {
     "what the consistency tests name, by correcting, excluding or estimating it": (UNMODELLED_ERROR,),
@@ -224,6 +225,9 @@ def _status_lines(solution: Solution) -> Iterator[str]:
     if solution.message:
         yield solution.message
     yield from findings
+    if below := [*select_findings(solution, serious=False)]:
+        others = f" and {len(below) - 1} more" if len(below) > 1 else ""
+        yield f"see misfit, below: {below[0].cause}{others}"
 
 
 def _position_lines(solution: Solution) -> Iterator[str]:
@@ -377,7 +381,7 @@ def _fixed_lines(solution: Solution) -> Iterator[str]:
 
 def _estimated_field(solution: Solution) -> Field:
     """Return the estimated parameters beside the position."""
-    sigmas, formal, rows = solution.sigmas(), solution.sigmas("formal"), []
+    sigmas, formal, rows, notes = solution.sigmas(), solution.sigmas("formal"), [], []
     for k in _parameter_indices(solution, free=True):
         item = solution.parameters.parameters[k]
         prior = (
@@ -385,4 +389,10 @@ def _estimated_field(solution: Solution) -> Field:
         )
         value = value_text(solution.values[k], formal[k])
         rows.append((parameter_name(item.name), item.unit, value, sigma_text(sigmas[k]), prior))
-    return table("estimated", ("parameter", "unit", "value", "sigma", "a priori"), rows, _MAX_PARAMETERS)
+        if sigmas[k] > _MIN_EXCESS_RATIO * item.prior_sigma:
+            notes.append(
+                f"sigma of {parameter_name(item.name)} above the a-priori one: formal {sigma_text(formal[k])}; errors "
+                "that the weights neglect, such as those of the gravity field, move its value"
+            )
+    heading = ("parameter", "unit", "value", "sigma", "a priori")
+    return table("estimated", heading, rows, _MAX_PARAMETERS, notes)

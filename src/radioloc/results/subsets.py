@@ -195,7 +195,7 @@ class ArcStudy(Result):
             cells |= {"used": total.used, "rejected": total.rejected, "wrms_m": total.wrms_m}
             if arc.solution.position_estimated:
                 sigmas_m = map(finite_or_none, arc.solution.sigma_enu_m())
-                cells |= zip(("sigma_west_m", "sigma_north_m", "sigma_up_m"), sigmas_m, strict=True)
+                cells |= zip(("sigma_east_m", "sigma_north_m", "sigma_up_m"), sigmas_m, strict=True)
             if k:
                 cells["from_longest_m"] = math.hypot(*difference(place, longest)[2:4])
                 cells["from_longest_sigmas"] = horizontal_sigmas(arc.solution, self.longest)

@@ -141,15 +141,15 @@ class PositionRow:
     # of a fit, the benchmark no differences.
     method: str  # `tracking`, `images`, `image_point`, `stereo`, `joint` or `reference`
     name: str  # length of the arc, or name of the solution or the reference
-    longitude_west_deg: float  # -180 to 180 deg, mean-Earth axes, as in Wang et al. (2021)
+    longitude_deg: float  # east, -180 to 180 deg, mean-Earth axes
     latitude_deg: float
     height_m: float  # above 1737.4 km
-    west_deg: float | None  # position less benchmark
+    east_deg: float | None  # position less benchmark
     north_deg: float | None  # likewise
-    west_m: float | None  # the same along the sphere
+    east_m: float | None  # the same along the sphere
     north_m: float | None  # likewise
     up_m: float | None  # difference of the heights
-    sigma_west_m: float | None = None  # total standard deviation; null if not determined
+    sigma_east_m: float | None = None  # total standard deviation; null if not determined
     sigma_north_m: float | None = None  # likewise
     sigma_up_m: float | None = None  # likewise
     from_longest_m: float | None = None  # horizontal distance from the longest arc's position
@@ -161,27 +161,27 @@ class PositionRow:
 
     @property
     def sigmas_m(self) -> tuple[float | None, float | None, float | None]:
-        """Total standard deviations west (or east), north and up."""
-        return self.sigma_west_m, self.sigma_north_m, self.sigma_up_m
+        """Total standard deviations east, north and up."""
+        return self.sigma_east_m, self.sigma_north_m, self.sigma_up_m
 
 
 def difference(place: Place, benchmark: Place) -> tuple[float, float, float, float, float]:
-    """Return the difference to a benchmark: west, north (deg), west, north and up (m, on the sphere of 1737.4 km)."""
+    """Return the difference to a benchmark: east, north (deg), east, north and up (m, on the sphere of 1737.4 km)."""
     point_m, origin_m = (
         selenographic_to_cartesian(math.radians(longitude_deg), math.radians(latitude_deg), height_m)
         for longitude_deg, latitude_deg, height_m in (place, benchmark)
     )
     local = local_difference(point_m, origin_m, radius_m=MEAN_LUNAR_RADIUS_M)
-    west_deg = -math.remainder(place[0] - benchmark[0], 360.0)
-    return west_deg, place[1] - benchmark[1], -local.east_m, local.north_m, place[2] - benchmark[2]
+    east_deg = math.remainder(place[0] - benchmark[0], 360.0)
+    return east_deg, place[1] - benchmark[1], local.east_m, local.north_m, place[2] - benchmark[2]
 
 
 def place_fields(place: Place, benchmark: Place | None) -> dict[str, Any]:
     """Return a position and its differences to the benchmark, as fields of a row."""
-    names = ("west_deg", "north_deg", "west_m", "north_m", "up_m")
+    names = ("east_deg", "north_deg", "east_m", "north_m", "up_m")
     differences = (None,) * 5 if benchmark is None else difference(place, benchmark)
     return {
-        "longitude_west_deg": -math.remainder(place[0], 360.0),
+        "longitude_deg": math.remainder(place[0], 360.0),
         "latitude_deg": place[1],
         "height_m": place[2],
         **dict(zip(names, differences, strict=True)),
@@ -211,14 +211,13 @@ def residual_table(rows: Residuals) -> Table:
     return Table(columns, _RESIDUAL_DECIMALS | {"residual_mm_s": 5})
 
 
-def position_cells(row: PositionRow, *, east: bool = True) -> tuple[str, ...]:
-    """Return longitude, to the east or to the west, and latitude with their differences in deg and m as text."""
-    sign = -1.0 if east else 1.0
-    cells = (f"{sign * row.longitude_west_deg:z.5f}", f"{row.latitude_deg:.5f}")
-    if row.west_deg is None or row.west_m is None:
+def position_cells(row: PositionRow) -> tuple[str, ...]:
+    """Return longitude and latitude with their differences in deg and m as text."""
+    cells = (f"{row.longitude_deg:z.5f}", f"{row.latitude_deg:.5f}")
+    if row.east_deg is None or row.east_m is None:
         return (*cells, "benchmark", "-", "-", "-")
-    differences = f"{sign * row.west_deg:z.5f}", f"{row.north_deg:z.5f}"
-    return (*cells, *differences, f"{sign * row.west_m:z.1f}", f"{row.north_m:z.1f}")
+    differences = f"{row.east_deg:z.5f}", f"{row.north_deg:z.5f}"
+    return (*cells, *differences, f"{row.east_m:z.1f}", f"{row.north_m:z.1f}")
 
 
 def position_fields(rows: Iterable[PositionRow], axes: str, benchmark: str) -> tuple[Field, Field]:
@@ -233,10 +232,8 @@ def position_fields(rows: Iterable[PositionRow], axes: str, benchmark: str) -> t
 
 def position_table(rows: Iterable[PositionRow], names: Mapping[str, str] | None = None) -> TextTable:
     """Return the printable table; `names` replace names of rows."""
-    heading = ("Method", "", "L (°W)", "B (°N)", "δL (°W)", "δB (°N)", "δL (m)", "δB (m)")
-    cells = [
-        (row.method, (names or {}).get(row.name, row.name), *position_cells(row, east=False)) for row in rows
-    ]
+    heading = ("Method", "", "L (°E)", "B (°N)", "δL (°E)", "δB (°N)", "δL (m)", "δB (m)")
+    cells = [(row.method, (names or {}).get(row.name, row.name), *position_cells(row)) for row in rows]
     return TextTable(heading, cells, words=2)
 
 

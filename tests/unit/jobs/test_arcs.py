@@ -57,9 +57,9 @@ def arc_study(study, tracked):
 
 
 def test_longitudes_meet_beyond_180_degrees():
-    west_deg, _, west_m, *_ = difference((179.99, 0.0, 0.0), (-179.99, 0.0, 0.0))
-    assert west_deg == pytest.approx(0.02)
-    assert west_m == pytest.approx(np.radians(0.02) * 1737400.0)
+    east_deg, _, east_m, *_ = difference((179.99, 0.0, 0.0), (-179.99, 0.0, 0.0))
+    assert east_deg == pytest.approx(-0.02)
+    assert east_m == pytest.approx(-np.radians(0.02) * 1737400.0)
 
 
 @pytest.mark.parametrize("k", range(3))
@@ -95,27 +95,27 @@ def test_rows_hold_the_differences_of_the_solutions(arc_study):
     for arc in arc_study.arcs:
         row, comparison = rows[arc.name], arc.solution.reference
         # On the sphere of 1737.4 km, not 2.5 km below: 0.15 %, and a plane instead of a sphere.
-        assert row.west_m == pytest.approx(-comparison.east_m, rel=2e-3, abs=0.01)
+        assert row.east_m == pytest.approx(comparison.east_m, rel=2e-3, abs=0.01)
         assert row.north_m == pytest.approx(comparison.north_m, rel=2e-3, abs=0.01)
         assert row.up_m == pytest.approx(comparison.up_m, abs=0.01)
         sigmas_m = arc.solution.sigma_enu_m()
-        assert (row.sigma_west_m, row.sigma_north_m, row.sigma_up_m) == tuple(sigmas_m)
+        assert (row.sigma_east_m, row.sigma_north_m, row.sigma_up_m) == tuple(sigmas_m)
         assert row.used + row.rejected == len(arc.solution.residuals)
-    longest, shorter = (np.array([rows[n].west_m, rows[n].north_m]) for n in ("48 h", "12 h"))
+    longest, shorter = (np.array([rows[n].east_m, rows[n].north_m]) for n in ("48 h", "12 h"))
     assert rows["12 h"].from_longest_m == pytest.approx(np.linalg.norm(shorter - longest), rel=1e-4)
     assert rows["48 h"].from_longest_m is None
-    assert rows["Chang'e-2 DOM"].west_m is None
-    assert (rows["LROC NAC DOM"].west_m, rows["LROC NAC DOM"].north_m) == pytest.approx(
+    assert rows["Chang'e-2 DOM"].east_m is None
+    assert (-rows["LROC NAC DOM"].east_m, rows["LROC NAC DOM"].north_m) == pytest.approx(
         (-13.3, 21.2), abs=0.05
     )
-    assert rows["LROC NAC image"].longitude_west_deg == pytest.approx(51.9161)
+    assert rows["LROC NAC image"].longitude_deg == pytest.approx(-51.9161)
 
 
 def test_without_references_the_longest_arc_is_the_benchmark(study, tracked):
     arc_study = radioloc.arcs(replace(study, reference=None, references=()), [6.0, 12.0], tracked)
     longest, shorter = arc_study.rows
-    assert longest.west_m is None
-    assert shorter.from_longest_m == pytest.approx(np.hypot(shorter.west_m, shorter.north_m))
+    assert longest.east_m is None
+    assert shorter.from_longest_m == pytest.approx(np.hypot(shorter.east_m, shorter.north_m))
     assert arc_study.to_dict()["benchmark"] == "the arc of 12 h"
 
 

@@ -30,9 +30,9 @@ def test_arcs_lie_where_the_paper_has_them(arc_study):
     arcs = arc_study.rows[:3]
     assert [row.name for row in arcs] == ["48 h", "24 h", "12 h"]
     for row in arcs:
-        assert np.hypot(row.west_m, row.north_m) < 100.0
+        assert np.hypot(row.east_m, row.north_m) < 100.0
         assert row.from_longest_m is None or row.from_longest_m < 100.0
-    assert np.hypot(arcs[0].west_m, arcs[0].north_m) < 30.0
+    assert np.hypot(arcs[0].east_m, arcs[0].north_m) < 30.0
 
 
 @pytest.mark.slow
@@ -61,16 +61,16 @@ def test_table_1_in_full_from_tracking_and_images(arc_study, tmp_path):
         "Chang'e-2 image map",
         *LROC,
     ]
-    assert (rows["descent"].west_m, rows["descent"].north_m) == pytest.approx(
-        (-30.0, -20.0), abs=8.0
+    assert (rows["descent"].east_m, rows["descent"].north_m) == pytest.approx(
+        (30.0, -20.0), abs=8.0
     )  # a pixel
     for name, metres in LROC.items():
-        assert (rows[name].west_m, rows[name].north_m) == pytest.approx(metres, abs=0.0501)
+        assert (-rows[name].east_m, rows[name].north_m) == pytest.approx(metres, abs=0.0501)
     # Less than three sigmas of orbit and pointing
-    assert np.hypot(rows["orbital_image"].west_m, rows["orbital_image"].north_m) < 30.0
+    assert np.hypot(rows["orbital_image"].east_m, rows["orbital_image"].north_m) < 30.0
     # The joint estimate is of the longest arc and the images, and is better than any of them.
     assert set(compared.joint.names) == {"change5, 48 h", "descent", "orbital_image"}
-    for axis in ("west", "north"):
+    for axis in ("east", "north"):
         sigmas_m = [
             getattr(rows[name], f"sigma_{axis}_m") for name in ("joint estimate", *compared.joint.names)
         ]

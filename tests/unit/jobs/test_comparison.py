@@ -52,9 +52,9 @@ def test_differences_are_those_of_the_paper(table, tmp_path):
     rows = {row.name: row for row in comparison.rows}
     for name, (_, _, west_m, north_m) in TABLE_1.items():
         if west_m is None:
-            assert (rows[name].west_m, rows[name].north_m) == (None, None)
+            assert (rows[name].east_m, rows[name].north_m) == (None, None)
         else:
-            assert rows[name].west_m == pytest.approx(west_m, abs=0.0501)
+            assert rows[name].east_m == pytest.approx(-west_m, abs=0.0501)
             assert rows[name].north_m == pytest.approx(north_m, abs=0.0501)
     out = tmp_path / "out"
     assert main(["compare", *map(str, table), "--out", str(out), "--quiet"]) == 0
@@ -72,14 +72,14 @@ def test_differences_are_those_of_the_paper(table, tmp_path):
 
 def test_stated_positions_are_the_tables_of_both_papers():
     change5 = compare([EXAMPLES / "change5" / "table1.toml"], "Chang'e-2 image map")
-    solution = [(row.west_m, row.north_m) for row in change5.rows[1:]]
+    solution = [(-row.east_m, row.north_m) for row in change5.rows[1:]]
     assert np.abs(np.subtract(solution, [row[2:] for row in list(TABLE_1.values())[1:]])).max() < 0.0501
     assert change5.joint is None
     change3 = compare([EXAMPLES / "change3" / "table4.toml"], "VLBI, first value")
     row = change3.rows[0]
-    assert (row.west_deg, row.north_deg) == pytest.approx((0.0056, -0.0012), abs=1e-9)
+    assert (row.east_deg, row.north_deg) == pytest.approx((-0.0056, -0.0012), abs=1e-9)
     # 30.323 km a degree, and that times the cosine of the latitude
-    assert (row.west_m, row.north_m) == pytest.approx((121.9, -36.4), abs=0.05)
+    assert (row.east_m, row.north_m) == pytest.approx((-121.9, -36.4), abs=0.05)
     # 127 m are 1.15 of sqrt(100^2 + 46^2 + 5^2) m; a chi-square of two has exp(-x / 2) beyond x.
     [pair] = change3.agreements
     assert pair.chance == pytest.approx(

@@ -105,9 +105,9 @@ def test_arcs_show_all_targets_each_beside_its_longest(folder, tmp_path):
     result = radioloc.arcs(study(folder), [2.0, 4.0])
     assert [row.name for row in result.rows] == ["lander, 4 h", "lander, 2 h", "rover, 4 h", "rover, 2 h"]
     for row, place in zip(result.rows, (LANDER, LANDER, ROVER, ROVER), strict=True):
-        assert -row.longitude_west_deg == pytest.approx(place.selenographic[0], abs=1e-3)
-        assert (row.west_m is None) == ("4 h" in row.name)
-        assert row.west_m is None or abs(row.west_m) < 1.0  # not the 100 m from the lander to the rover
+        assert row.longitude_deg == pytest.approx(place.selenographic[0], abs=1e-3)
+        assert (row.east_m is None) == ("4 h" in row.name)
+        assert row.east_m is None or abs(row.east_m) < 1.0  # not the 100 m from the lander to the rover
     names = {path.name for path in radioloc.write_report(tmp_path, result, html=True)}
     assert {"arcs.png", "arcs_2.png", "table1.csv"} <= names
     assert "rover, 2 h" in (tmp_path / "table1.csv").read_text()

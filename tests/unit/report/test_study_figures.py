@@ -50,15 +50,14 @@ def test_arcs_are_drawn_where_the_table_has_them(arc_study):
     plane, *panels = plot_arcs(arc_study).axes
     drawn = {line.get_label(): line.get_xydata()[0] for line in plane.lines}
     for row in arc_study.rows:
-        np.testing.assert_allclose(drawn[row.name], [-(row.west_m or 0.0), row.north_m or 0.0])
+        np.testing.assert_allclose(drawn[row.name], [row.east_m or 0.0, row.north_m or 0.0])
         assert plane.viewLim.contains(*drawn[row.name])
     assert [patch.height for patch in plane.patches] == pytest.approx(
         [2.0 * arc.solution.ellipse(0.95).semi_major_m for arc in arc_study.arcs]
     )
-    for axes, side in zip(panels, ("west", "north", "up"), strict=True):
-        sign = -1.0 if side == "west" else 1.0
+    for axes, side in zip(panels, ("east", "north", "up"), strict=True):
         for bars, row, hours in zip(axes.containers, arc_study.rows, (48.0, 12.0), strict=False):
             [x], [y] = bars.lines[0].get_data()
-            assert (x, y) == pytest.approx((hours, sign * getattr(row, f"{side}_m")))
+            assert (x, y) == pytest.approx((hours, getattr(row, f"{side}_m")))
             [[low, high]] = [segment[:, 1] for segment in bars.lines[2][0].get_segments()]
             assert high - low == pytest.approx(2.0 * 1.959964 * getattr(row, f"sigma_{side}_m"), rel=1e-6)

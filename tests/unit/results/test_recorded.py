@@ -109,10 +109,10 @@ def test_hostile_text_is_refused(text, words, tmp_path):
     assert len(str(refusal.value)) < len(str(path)) + 500
 
 
-@pytest.mark.parametrize("key", ["longitude_west_deg", "latitude_deg", "height_m"])
+@pytest.mark.parametrize("key", ["longitude_deg", "latitude_deg", "height_m"])
 def test_a_reference_of_arcs_has_a_place(key, solution, tmp_path):
     content = json.loads(json_text(ArcStudy("toy", (Arc(72.0, 72.0, solution),)).to_dict()))
-    place = {"longitude_west_deg": 3.0, "latitude_deg": 2.0, "height_m": 1.0}
+    place = {"longitude_deg": 3.0, "latitude_deg": 2.0, "height_m": 1.0}
     content["positions"].append({"name": "published", "method": "reference"} | place)
     row = len(content["positions"]) - 1
     path = tmp_path / "arcs.json"

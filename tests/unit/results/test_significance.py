@@ -9,10 +9,13 @@ from toy_moon import ToyMoon, toy_solution
 from radioloc.estimation import FitStatus
 from radioloc.estimation.adaptation import AdaptedEstimate
 from radioloc.estimation.combination import Agreement
+from radioloc.estimation.consider import Consider
 from radioloc.estimation.consistency_results import Consistency, ConsistencyTest
+from radioloc.parameters import Parameter, ParameterSet
 from radioloc.results.build import compare_with, with_findings
 from radioloc.results.comparison import significant_pairs
 from radioloc.results.fit_card import select_findings
+from radioloc.results.solution_card import solution_card
 
 
 def test_the_largest_of_many_differences_needs_a_smaller_chance():
@@ -41,7 +44,13 @@ def test_a_shift_is_compared_with_the_ellipsoid_in_its_direction(axis):
     assert [*select_findings(warned, serious=True)] == [finding]
     assert [*select_findings(warned, serious=False)] == []
     small = replace(finding, shift_enu_m=tuple(0.5 * shift_m))
-    assert not [*select_findings(replace(solution, consistency=Consistency(findings=(small,))), serious=True)]
+    passed_over = replace(solution, consistency=Consistency(findings=(small,)))
+    assert not [*select_findings(passed_over, serious=True)]
+    pointer = f"see misfit, below: {small.cause}"
+    assert [pointer in " ".join(str(solution_card(item)).split()) for item in (warned, passed_over)] == [
+        False,
+        True,
+    ]
 
 
 @pytest.mark.parametrize(("offset_m", "named"), [(0.9, False), (1.6, True)])
@@ -50,7 +59,7 @@ def test_a_link_of_one_range_is_compared_by_the_stated_sigma(offset_m, named):
     model = ToyMoon(60, 24.0, stations=("A",))
     solution = toy_solution(model, blunders_m={59: offset_m}, station=["A"] * 60, path=path)
     assert solution.residuals.used.all()
-    assert ("disagree by" in str(solution)) == named
+    assert ("disagree by" in str(solution_card(solution))) == named
 
 
 @pytest.mark.parametrize(("sigmas", "status"), [(2.5, FitStatus.CONVERGED), (3.5, FitStatus.MISFIT)])
@@ -71,3 +80,13 @@ def test_the_reported_region_covers_the_position_with_the_finding_estimated(sigm
     assert record["shift_sigmas"] == pytest.approx(sigmas)
     assert [*record["shift"].values()] == pytest.approx(shift_m, abs=1e-9)
     assert [*select_findings(warned, serious=True)] == [finding]
+
+
+@pytest.mark.parametrize(("neglected_m", "explained"), [(0.0, False), (2.0, True)])
+def test_sigma_above_the_a_priori_one_is_explained(neglected_m, explained):
+    solution = toy_solution(ToyMoon(200, 72.0, stations=("A", "B")), bias_sigma_m=1.0)
+    sensitivity = np.zeros((len(solution.parameters), 1))
+    sensitivity[3] = neglected_m  # of the first bias
+    gravity = ParameterSet([Parameter("gravity", "1", "gravity", 0.0, 1.0)])
+    text = str(solution_card(replace(solution, consider=Consider(gravity, sensitivity))))
+    assert ("above the a-priori one" in text) == explained

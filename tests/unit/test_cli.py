@@ -512,7 +512,7 @@ def test_impossible_count_of_threads_is_one_line(count, folder):
 
 def test_convert_there_and_back(tmp_path, capsys):
     binary, table, message = (tmp_path / name for name in ("a.parquet", "b.csv", "c.tdm"))
-    assert cli.main(["convert", str(TABLE), str(binary)]) == 0
+    assert cli.main(["convert", str(TABLE), "--out", str(binary)]) == 0
     printed = capsys.readouterr().out
     assert "153 observations" in printed
     assert f"written to {binary}" in printed
@@ -539,7 +539,7 @@ def test_convert_there_and_back(tmp_path, capsys):
         (["{csv}", "{folder}/a.tdm"], "give originator"),
         (["{csv}", "{folder}/a.csv", "--sigma", "range"], "write it as TYPE=METRES"),
         (["{folder}/none.csv", "{folder}/a.csv"], "no such file"),
-        (["{csv}"], "required: OUT"),
+        (["{csv}"], "--out FILE"),
     ],
 )
 def test_convert_says_in_one_line_what_is_wrong(tmp_path, capsys, arguments, words):

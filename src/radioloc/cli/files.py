@@ -11,8 +11,15 @@ from typing import Any
 
 import radioloc
 from radioloc.cli.command import JSON, Argument, Rows, argument, command, measurement_types, output_folder
-from radioloc.cli.output import DONE, finish, say, tell
+from radioloc.cli.output import DONE, LAST_FILE, finish, say, tell
 from radioloc.errors import InputError
+
+_OUT = argument(
+    "--out FILE",
+    "file to write, in the format of its ending (default: the last argument)",
+    Path,
+    default=LAST_FILE,
+)
 
 
 def observation_file(usage: str, **more: Any) -> Argument:
@@ -40,7 +47,7 @@ def _observation_formats() -> Rows:
 @command(
     "convert",
     argument("files IN", "files to read, each of any format; - for standard input", Path, nargs="+"),
-    observation_file("out OUT"),
+    _OUT,
     argument(
         "--sigma TYPE=METRES",
         "sigma of a type, such as range=1.0, in Tracking Data Messages, which state none; may be repeated",
@@ -49,7 +56,11 @@ def _observation_formats() -> Rows:
     ),
     argument("--study STUDY.toml", "read with the stations and conventions of this study", Path),
     *MESSAGE,
-    examples=("laser.npt ranges.csv", "message.tdm ranges.csv --sigma range=1.0", "- - --format parquet"),
+    examples=(
+        "laser.npt --out ranges.csv",
+        "message.tdm ranges.csv --sigma range=1.0",
+        "- - --format parquet",
+    ),
     help_tables=_observation_formats,
 )
 def convert(options: argparse.Namespace) -> int:
@@ -165,14 +176,14 @@ def _export_formats() -> Rows:
 @command(
     "export",
     _solution_files(),
-    argument("out OUT", "file to write; its ending names the format", Path),
+    _OUT,
     argument("--code N", "NAIF code of the lander in a .bsp file (default: 301001)", int),
     argument("--start UTC", "first epoch of an .oem file, such as 2020-12-01T12:00:00"),
     argument("--stop UTC", "last epoch of an .oem file"),
     argument("--step SECONDS", "from state to state of an .oem file (default: 3600)", float),
     argument("--originator NAME", "agency that makes the message"),
     examples=(
-        "results/solution.json lander.geojson",
+        "results/solution.json --out lander.geojson",
         "results/solution.json lander.bsp",
         "results/solution.json lander.tex",
         "results/solution.json lander.oem --start 2020-12-01 --stop 2020-12-15 --originator AGENCY",
@@ -194,11 +205,11 @@ def export(options: argparse.Namespace) -> int:
 @command(
     "map",
     _solution_files(),
-    argument("out OUT", "file to write: .png, .svg or .pdf", Path),
+    _OUT,
     argument("--dem FILE", "elevation model to draw in shaded relief", Path),
     argument("--base-map FILE", "image to draw instead of an elevation model", Path),
     argument("--reach METRES", "distance from the middle of the map to its edges", float),
-    examples=("results/solution.json map.png --dem dem.tif --reach 900",),
+    examples=("results/solution.json --out map.png --dem dem.tif --reach 900",),
 )
 def plot_map(options: argparse.Namespace) -> int:
     """Draw solutions on a map, over shaded terrain or an image."""

@@ -34,9 +34,7 @@ _FIT = (
 def locate(options: argparse.Namespace) -> int:
     """Fit a position, or an orbit, to tracking data and print a result card."""
     if options.sinex is not None and len(options.studies) > 1:
-        options.parser.error(
-            "--sinex takes one study, got several; convert their solutions with radioloc export"
-        )
+        options.parser.error("--sinex takes one study, got several; run locate for each")
     return _fit(options, fitted=True)
 
 

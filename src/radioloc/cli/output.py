@@ -42,6 +42,7 @@ EXIT_STATUS = {
 _GREEN, _RED = 32, 31  # foreground colours of ECMA-48
 _STATUS_LINE = re.compile(r"^(status +)(\S.*)$", re.MULTILINE)
 STREAM = Path("-")  # In place of a file: standard input or output
+LAST_FILE = Path("the last file")  # Default of --out: the last positional argument is the file to write
 
 
 def escape_unprintable_output() -> None:
@@ -136,7 +137,12 @@ def failure(error: RadiolocError, where: str = "") -> int:
 @contextmanager
 def standard_streams(options: argparse.Namespace) -> Iterator[None]:
     """Replace ``-`` among the files of a command by temporary files, as readers need seekable files."""
-    inputs = [name for name in ("files", "solutions") if STREAM in getattr(options, name, ())]
+    names = [name for name in ("files", "solutions") if name in options]
+    if options.__dict__.get("out") is LAST_FILE:
+        options.out = getattr(options, names[0]).pop()
+        if not getattr(options, names[0]):
+            options.parser.error("expected a file to write, --out FILE")
+    inputs = [name for name in names if STREAM in getattr(options, name)]
     printed = "format" in options and options.out == STREAM
     if not inputs and not printed:
         yield

@@ -95,7 +95,9 @@ EXPORTERS = Registry(
         ),
         Exporter("Markdown", (".md",), "table of positions and sigmas", _write_table),
         Exporter("LaTeX", (".tex",), "table of positions and sigmas", _write_table),
-        Exporter("SINEX", (".snx",), "estimates with their covariance; by locate --sinex", _write_sinex),
+        Exporter(
+            "SINEX", (".snx",), "not from solution.json, but by locate --sinex or in Python", _write_sinex
+        ),
     ),
 )
 """Formats of solutions by name: those of the package, and those of other packages."""

@@ -186,7 +186,11 @@ def _background(ground: Map | TerrainModel, plane: TangentPlane, reach_m: float)
 
     east, north = np.meshgrid(*[np.linspace(-first_m, first_m, _PIXELS)] * 2)
     degrees = plane.to_longitude_latitude(np.column_stack([east.ravel(), north[::-1].ravel()]))
-    heights = ground.height_m(*np.radians(degrees).T).reshape(east.shape)
+    try:
+        heights = ground.height_m(*np.radians(degrees).T).reshape(east.shape)
+    except InputError as error:
+        problem = f"the map reaches {reach_m:.4g} m from the first position; give a smaller reach_m (--reach)"
+        raise InputError(f"{error}; {problem}") from None
     light = LightSource(_SUN_AZIMUTH_DEG, _SUN_ELEVATION_DEG)
     return np.asarray(light.hillshade(heights, vert_exag=1.0, dx=pixel_m, dy=pixel_m))
 

@@ -226,8 +226,8 @@ def _status_lines(solution: Solution) -> Iterator[str]:
         yield solution.message
     yield from findings
     if below := [*select_findings(solution, serious=False)]:
-        others = f" and {len(below) - 1} more" if len(below) > 1 else ""
-        yield f"see misfit, below: {below[0].cause}{others}"
+        remainder = f" and {len(below) - 1} more" if len(below) > 1 else ""
+        yield f"see misfit, below: {below[0].cause}{remainder}"
 
 
 def _position_lines(solution: Solution) -> Iterator[str]:

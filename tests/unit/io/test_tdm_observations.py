@@ -53,6 +53,12 @@ def test_three_way_range_and_catalogue_names():
     assert got.tags().tolist() == ["transmit"] * 2
 
 
+def test_all_types_without_a_sigma_are_named_at_once():
+    doppler = (TWO_WAY | COUNT, ["DOPPLER_INTEGRATED = 2021-03-28T14:00:00 0.5"])
+    with pytest.raises(FileFormatError, match="--sigma range=... --sigma doppler=..."):
+        readout((TWO_WAY, RANGES), doppler, sigma_m={})
+
+
 def test_units_of_range():
     flight_s = ["RANGE = 2021-03-28T14:00:00 2.5644"]
     assert read((TWO_WAY | {"RANGE_UNITS": "s"}, flight_s)).value_m[0] == C_M_S * 2.5644

@@ -7,6 +7,7 @@ import pytest
 from paths import EXAMPLES
 from recorded import recorded, reference
 
+from radioloc.errors import InputError
 from radioloc.report import plot_map
 
 EXAMPLE = EXAMPLES / "images"
@@ -56,3 +57,9 @@ def test_the_ground_is_under_the_position():
     ]
     at = np.linspace(0, len(drawn) - 1, 61).round().astype(int)
     assert np.corrcoef(drawn[np.ix_(at, at)].ravel(), pixels.ravel())[0, 1] > 0.9
+
+
+def test_map_beyond_the_elevation_model_names_the_option():
+    pytest.importorskip("rasterio")
+    with pytest.raises(InputError, match="--reach"):
+        plot_map(content(), dem=EXAMPLE / "dem.tif", reach_m=2e5)

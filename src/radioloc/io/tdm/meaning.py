@@ -77,6 +77,17 @@ def tdm_observations(
     with np.errstate(over="ignore", invalid="ignore"):
         for segment in segments:
             parts += _read_segment(reading, segment)
+    if kinds := reading.without_sigma:
+        error = next(iter(kinds.values()))
+        in_python, in_study = (
+            ", ".join(form.format(kind) for kind in kinds) for form in ("{!r}: ...", "{} = ...")
+        )
+        options = " ".join(f"--sigma {kind}=..." for kind in kinds)
+        problem = (
+            f"{error.problem}; give sigma_m = {{{in_python}}}, in metres (in a study file [observations] sigma_m = "
+            f"{{ {in_study} }}, to radioloc convert {options})"
+        )
+        raise FileFormatError(error.path, problem, error.line)
     counts = [segment.counts() for segment in segments]
     if not parts:
         held = ", ".join(sorted({keyword for count in counts for keyword in count}))
@@ -130,11 +141,8 @@ def _read(part: SegmentReader, keyword: str) -> Observations:
     files = part.reading.files
     sigma_m = columns.pop("sigma_m", part.agreement.sigma_m.get(kind))
     if sigma_m is None:
-        raise part.fail(
-            keyword,
-            f"a TDM does not state sigmas; give sigma_m = {{{kind!r}: ...}}, in metres (in a study file "
-            f"[observations] sigma_m = {{ {kind} = ... }}, to radioloc convert --sigma {kind}=...)",
-        )
+        part.reading.without_sigma.setdefault(kind, part.fail(keyword, "a TDM does not state sigmas"))
+        sigma_m = 1.0
     observations = Observations.from_columns(
         sigma_m=sigma_m,
         kind=KINDS.index(kind),

@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike
 
 from radioloc.constants import C_M_S
 from radioloc.earth.stations import StationCatalogue, station_name
-from radioloc.errors import InputError
+from radioloc.errors import FileFormatError, InputError
 from radioloc.io.checks import weather_at
 from radioloc.io.frequencies import MAX_DURATION_S, MICROMETRES, agreement_for
 from radioloc.io.tdm.agreement import TdmAgreement
@@ -133,6 +133,7 @@ class Reading:
         self.files = tuple(dict.fromkeys(segment.path for segment in segments))
         self.used: set[tuple[TdmSegment, str]] = set()
         self.notes: list[str] = []
+        self.without_sigma: dict[str, FileFormatError] = {}  # by type of measurement
         self._clocks = self._clock_differences() if agreement.apply_clocks else {}
         self._sent = self._sent_frequencies()
 

@@ -565,6 +565,19 @@ def test_starter_study_runs_at_once(kind, tmp_path, monkeypatch, capsys):
     assert cli.main(["locate", f"{kind}.toml", "--quiet"]) == 0
 
 
+@pytest.mark.parametrize("sites", [[(0, -89.5, 1000)], [(-51.9, 43.0, -2500), (-40, 43, -2000.5)]])
+def test_starter_study_of_landers_elsewhere(sites, tmp_path, capsys):
+    path = tmp_path / "plan.toml"
+    options = [text for site in sites for text in ("--at", *map(str, site))]
+    assert cli.main(["new", "lander", str(path), *options]) == 0
+    study = radioloc.read_study(path)
+    assert [place.selenographic for place in study.all_targets.values()] == [
+        pytest.approx(site) for site in sites
+    ]
+    assert len(radioloc.simulate(study).targets) == len(sites)
+    assert cli.main(["new", "lander", str(tmp_path / "b.toml"), "--at", "0", "95", "0"]) == BAD_INPUT
+
+
 def test_starter_study_does_not_replace_a_file(tmp_path, capsys):
     (tmp_path / "mine.toml").write_text("")
     assert cli.main(["new", "lander", str(tmp_path / "mine.toml")]) == BAD_INPUT

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import asdict, fields
 from importlib.resources import files
@@ -19,6 +20,15 @@ if TYPE_CHECKING:
     from radioloc.earth.stations import Station
 
 STARTERS = ("lander", "reflector", "orbiter")
+_SITE = (-51.8, 43.0, -2500.0)  # near Chang'e-5
+_TARGET = """\
+[{}]
+frame = "ME_DE421"                        # mean-Earth axes, as maps have them
+longitude_deg = {}                    # a-priori position, east longitude, within some tens of kilometres
+latitude_deg = {}
+height_m = {}                        # above the sphere of 1737.4 km
+"""
+_HEIGHT_PRIOR = "height_prior = {{ height_m = {}, sigma_m = 20.0 }}   # from a map; otherwise delete it\n"
 
 
 @command(
@@ -27,7 +37,14 @@ STARTERS = ("lander", "reflector", "orbiter")
     argument(
         "out STUDY.toml", "study file to write (default: the target's name in this folder)", Path, nargs="?"
     ),
-    examples=("lander", "orbiter my_orbiter.toml"),
+    argument(
+        "--at LON LAT HEIGHT",
+        "place of a lander: ME_DE421, m above 1737.4 km; repeat it for several landers",
+        float,
+        nargs=3,
+        action="append",
+    ),
+    examples=("lander", "lander plan.toml --at 0 -89.5 1000", "orbiter my_orbiter.toml"),
     help_tables=study_tables,
 )
 def new(options: argparse.Namespace) -> int:
@@ -36,14 +53,35 @@ def new(options: argparse.Namespace) -> int:
     require_ending(study, (".toml",))
     if study.exists():
         raise InputError(f"{study}: the file exists; give another name")
+    if options.at and options.kind != "lander":
+        options.parser.error("--at is of a lander; edit the study of another target")
     data = study.with_suffix(".csv")
+    places = options.at or [_SITE]
     template = files("radioloc.cli").joinpath("starters", f"{options.kind}.toml").read_text(encoding="utf-8")
-    write_text(study, template.replace("{study}", study.name).replace("{data}", data.name))
+    filled = {"{study}": study.name, "{data}": data.name, **_lander_tables(places)}
+    for place, text in filled.items():
+        template = template.replace(place, text)
+    write_text(study, template)
     if not options.quiet:
         say(
             f"written to {study}; try it:\n  radioloc simulate {study} --out {data}\n  radioloc locate {study}"
         )
     return DONE
+
+
+def _lander_tables(places: Sequence[Sequence[float]]) -> dict[str, str]:
+    """Return the tables of landers and the height prior of a single one, by their places in the template."""
+    from radioloc.lunar import LunarPosition
+
+    for place in places:
+        LunarPosition.from_selenographic(place[0], place[1], place[2])  # refuses impossible places
+    if len(places) == 1:
+        return {
+            "{targets}": _TARGET.format("target", *places[0]),
+            "{prior}": _HEIGHT_PRIOR.format(places[0][2]),
+        }
+    tables = (_TARGET.format(f"targets.lander{k}", *place) for k, place in enumerate(places, 1))
+    return {"{targets}": "\n".join(tables), "{prior}": ""}
 
 
 _IAU = "IAU_MOON"

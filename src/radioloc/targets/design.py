@@ -26,6 +26,7 @@ from radioloc.vectors import Floats
 
 Rows = NDArray[np.intp]
 
+_MAX_KEPT_ELEMENTS = 2**20  # of partials that are computed once for each linearization, 8 MB
 _MIN_SMOOTH_ROWS = 2**16  # of an arc whose partials are polynomials of time: fewer take little time
 
 
@@ -152,14 +153,16 @@ class ObservationModel:
         if self.process is not None:
             residual_m += self.process.effects_m(self.process.reference)
         design = DesignMatrix(self, prediction, motions, x, residual_m)
-        if len(residual_m) >= _MIN_SMOOTH_ROWS and self.process is None:
+        n, first = len(residual_m), self.first
+        if n * len(x) <= _MAX_KEPT_ELEMENTS:
+            design = replace(design, kept=design.partials(np.arange(n)))
+        elif n >= _MIN_SMOOTH_ROWS and self.process is None:
             design = replace(design, smooth=self._smooth(design))
-        first = self.first
         if x[first:].any():
             of_kinds = np.append(np.zeros(first), x[first:])[:, None]
             effects = None if design.smooth is None else design.smooth.by(of_kinds)
-            for part in slices(len(residual_m)):
-                rows = np.arange(len(residual_m))[part]
+            for part in slices(n):
+                rows = np.arange(n)[part]
                 if effects is None:
                     residual_m[part] -= design.partials(rows, of_kinds_only=True) @ x[first:]
                 else:
@@ -193,6 +196,7 @@ class DesignMatrix:
     x: Floats
     residual_m: Floats  # observed - computed, of an orbit without its stochastic accelerations
     smooth: SmoothPartials | None = None  # of a long arc
+    kept: Floats | None = None  # partials of all observations of a short arc
 
     @property
     def process(self) -> StochasticAccelerations | None:
@@ -211,6 +215,10 @@ class DesignMatrix:
 
     def _partials(self, rows: Rows, targets: int, kinds: int) -> Floats:
         """Return partials with respect to the first targets and kinds of parameter."""
+        if self.kept is not None:
+            first = 0 if targets else self.model.first
+            last = self.model.first + sum(map(len, self.model.columns[:kinds]))
+            return self.kept.T[first:last, rows].T
         columns = partial(self._simple, first=targets, kinds=self.model.columns[:kinds])
         if isinstance(self.prediction, CombinedPrediction):
             return self.prediction.combine(rows, columns)

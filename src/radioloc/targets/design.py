@@ -218,7 +218,7 @@ class DesignMatrix:
         if self.kept is not None:
             first = 0 if targets else self.model.first
             last = self.model.first + sum(map(len, self.model.columns[:kinds]))
-            return self.kept.T[first:last, rows].T
+            return self.kept.T[first:last].take(rows, axis=1).T
         columns = partial(self._simple, first=targets, kinds=self.model.columns[:kinds])
         if isinstance(self.prediction, CombinedPrediction):
             return self.prediction.combine(rows, columns)

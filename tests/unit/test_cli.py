@@ -153,6 +153,11 @@ def test_several_studies_are_fitted_one_after_another(folder, capsys):
     assert cli.main(["residuals", *paths[1:], "--json"]) == 2
     [solution] = json.loads(capsys.readouterr().out)
     assert solution["name"] == "good"
+    again = folder / "again" / "good.toml"
+    again.parent.mkdir()
+    again.write_text(study_of("../d.csv"), encoding="utf-8")
+    assert cli.main(["residuals", paths[2], str(again), "--out", str(folder / "both"), "--quiet"]) == 0
+    assert {path.parent.name for path in folder.glob("both/*/residuals.csv")} == {folder.name, "again"}
     for unclear in ([paths[2], paths[2]], [*paths[1:], "--sinex", "x.snx"]):
         with pytest.raises(SystemExit):
             cli.main(["locate", *unclear])

@@ -49,17 +49,20 @@ def _fit(options: argparse.Namespace, *, fitted: bool) -> int:
     if options.terms and options.out is None:
         options.parser.error("--terms needs --out DIR, where to write terms.csv")
     statuses, contents, several = [], [], len(options.studies) > 1
-    if len({path.stem for path in options.studies}) < len(options.studies):
-        options.parser.error("expected study files of different names; rename one")
-    for path in options.studies:
-        out = options.out / path.stem if several and options.out else options.out
+    names = [path.stem for path in options.studies]
+    if len(set(names)) < len(names):  # such as a/study.toml and b/study.toml
+        names = [path.resolve().parent.name for path in options.studies]
+    if len(set(names)) < len(names):
+        options.parser.error("expected study files, or their folders, of different names; rename one")
+    for path, name in zip(options.studies, names, strict=True):
+        out = options.out / name if several and options.out else options.out
         single = argparse.Namespace(**vars(options) | {"out": out})
         try:
             solution = _solution(single, path, fitted=fitted)
         except RadiolocError as error:
             if not several:
                 raise
-            statuses.append(failure(error, f"{path.stem}: "))
+            statuses.append(failure(error, f"{name}: "))
             continue
         if options.json:
             contents.append(solution.to_dict())

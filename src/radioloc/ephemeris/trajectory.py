@@ -7,7 +7,7 @@ other than the ICRF come from SPICE.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol, runtime_checkable
 
@@ -122,10 +122,7 @@ class Trajectory:
         if body not in segments_by_body:
             bodies = ", ".join(map(str, sorted(segments_by_body))) or "none"
             raise KernelError(f"{kernel_path} has no body with the NAIF code {body}; it holds {bodies}")
-        file = KernelFile(
-            kernel_path, "SPK", sha256_of(kernel_path), registered=False, start_tdb="", end_tdb=""
-        )
-        return _trajectory(file, segments_by_body, (body,), {})
+        return _trajectory(kernel_path, sha256_of(kernel_path), segments_by_body, (body,), {})
 
     @property
     def name(self) -> str:
@@ -214,13 +211,14 @@ class Trajectory:
 
 
 def _trajectory(
-    file: KernelFile,
+    path: Path,
+    sha256: str,
     segments_by_body: Mapping[int, list[DafSegment]],
     chain: tuple[int, ...],
     opened: dict[int, Trajectory],
 ) -> Trajectory:
     """Return the trajectory of the last body of a chain, with those of the centres of its segments."""
-    path, body = file.path, chain[-1]
+    body = chain[-1]
     if body in chain[:-1] or len(chain) > _MAX_CHAIN_LENGTH:
         excess = "a cycle" if body in chain[:-1] else f"a chain of more than {_MAX_CHAIN_LENGTH} bodies"
         raise KernelError(
@@ -233,7 +231,9 @@ def _trajectory(
     center_trajectories = {}
     for center in sorted({segment.center for segment in segments} - _EPHEMERIS_CENTERS):
         if center in segments_by_body:
-            center_trajectories[center] = _trajectory(file, segments_by_body, (*chain, center), opened)
+            center_trajectories[center] = _trajectory(
+                path, sha256, segments_by_body, (*chain, center), opened
+            )
         elif not 0 <= center <= _MAX_NATURAL_CODE:
             raise KernelError(
                 f"{path} gives body {body} relative to {center}, which it does not hold (it holds "
@@ -248,8 +248,8 @@ def _trajectory(
             f"{path} gives body {body} relative to {', '.join(map(str, center_trajectories))}, but never for the same "
             "time; give a file with both for the same time"
         )
-    dates = tdb_date(spans_s[0][0]), tdb_date(spans_s[-1][1])
-    kernel = replace(file, start_tdb=dates[0], end_tdb=dates[1])
+    dates = {"start_tdb": tdb_date(spans_s[0][0]), "end_tdb": tdb_date(spans_s[-1][1])}
+    kernel = KernelFile(path, "SPK", sha256, registered=False, **dates)
     opened[body] = Trajectory(kernel, body, segments, center_trajectories, tuple(spans_s))
     return opened[body]
 
@@ -266,11 +266,9 @@ def _covered_spans_s(
 
 def _trajectory_segment(segment: DafSegment) -> TrajectorySegment:
     body, center, frame, spk_type = segment.integers
-    series = read_states(segment, spk_type)
-    span_s = segment.start_s, segment.end_s
-    if frame in LUNAR_AXES:
-        return TrajectorySegment(center, *span_s, series, np.eye(3), LUNAR_AXES[frame])
-    return TrajectorySegment(center, *span_s, series, _rotation_to_icrf(segment.path, body, frame))
+    series, axes = read_states(segment, spk_type), LUNAR_AXES.get(frame)
+    rotation = np.eye(3) if axes is not None else _rotation_to_icrf(segment.path, body, frame)
+    return TrajectorySegment(center, segment.start_s, segment.end_s, series, rotation, axes)
 
 
 def _rotation_to_icrf(path: Path, body: int, frame: int) -> Floats:

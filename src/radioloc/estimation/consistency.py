@@ -140,11 +140,7 @@ def assess_consistency(
 
 
 def outlier_run_findings(
-    edited: EditedFit,
-    order: SeriesOrder,
-    runs: Iterable[Rows],
-    epoch_utc: Epochs,
-    count_s: Floats | None,
+    edited: EditedFit, order: SeriesOrder, runs: Iterable[Rows], epoch_utc: Epochs, count_s: Floats | None
 ) -> Iterator[ConsistencyTest]:
     """Yield a finding for each run of outliers (:func:`~radioloc.estimation.editing.outlier_runs`).
 
@@ -178,7 +174,7 @@ class _GrossErrorSearch:
     enu_partials: Floats | None  # (3, w), with respect to the first parameters of the binned problem
 
     def find_errors(self, group_tests: list[_ErrorTest]) -> tuple[list[_ErrorTest], BinnedProblem]:
-        """Return the significant errors, each found with the preceding ones as parameters, and the last problem."""
+        """Return the significant errors, and the problem with all of them as parameters."""
         findings, problem = list[_ErrorTest](), self.hypotheses.problem
         while len(findings) < _MAX_FINDING_COUNT:
             finding = self.find_most_significant(problem, group_tests)
@@ -200,9 +196,7 @@ class _GrossErrorSearch:
     def list_groups(self, problem: BinnedProblem) -> list[Hypothesis]:
         """Return each link, type, station and pass of a station whose removal leaves other observations."""
         order, codes = self.hypotheses.order, self.hypotheses.codes
-        group_links: dict[tuple[str, str], Links] = {
-            ("link", order.series[code].name): {code: 1.0} for code in codes
-        }
+        group_links = {("link", order.series[code].name): {code: 1.0} for code in codes}
         for code in codes:
             group_links.setdefault(("type", order.series[code].kind), {})[code] = 1.0
         group_links |= {("station", name): links for name, links in order.of_stations(codes).items()}
@@ -216,7 +210,7 @@ class _GrossErrorSearch:
         return groups
 
     def test_hypotheses(self, problem: BinnedProblem, group: _ErrorTest | None = None) -> list[_ErrorTest]:
-        """Test all hypotheses, steps at their most significant epochs, and a group again."""
+        """Test all hypotheses, with steps at their most significant epochs, and again a group."""
         hypotheses = list(self.hypotheses.continuous)
         counts = Counter(item.family for item in hypotheses)
         for name, links in self.hypotheses.link_sets:
@@ -278,13 +272,13 @@ class _GrossErrorSearch:
         return score_test is not None and _ErrorTest.from_score(hypothesis, score_test, count).is_significant
 
     def joint_records(self, findings: list[_ErrorTest], problem: BinnedProblem) -> Iterator[ConsistencyTest]:
-        """Yield records of findings: amounts of all together, changes by each with the preceding ones."""
-        fitted, changed = self.hypotheses.fitted, self.hypotheses.problem.with_noise_of(problem)
+        """Yield the records of the findings: their joint amounts, and the shift as each is added to those before."""
+        fitted, extended = self.hypotheses.fitted, self.hypotheses.problem.with_noise_of(problem)
         for finding in findings:
-            begin = len(changed.estimate)
-            changed = changed.with_parameters(finding.hypothesis.columns)
-            shift, root_shift = estimate_change(fitted, changed)
-            estimate = problem.estimate[begin : len(changed.estimate)]
+            begin = len(extended.estimate)
+            extended = extended.with_parameters(finding.hypothesis.columns)
+            shift, root_shift = estimate_change(fitted, extended)
+            estimate = problem.estimate[begin : len(extended.estimate)]
             score_test = replace(finding.score_test, estimate=estimate, shift=shift, root_shift=root_shift)
             yield self.record(replace(finding, score_test=score_test))
 
@@ -300,9 +294,8 @@ class _GrossErrorSearch:
         amounts, data_values = dict[str, float](), dict[str, float]()
         if not test.is_group:
             values = score_test.estimate * hypothesis.sigmas
-            amounts = dict(
-                zip(hypothesis.components, values.tolist(), strict=False)
-            )  # forces have no components
+            # Forces have no components.
+            amounts = dict(zip(hypothesis.components, values.tolist(), strict=False))
             if hypothesis.prior_values is not None:
                 values = hypothesis.prior_values + values
                 data_values = dict(zip(hypothesis.components, values.tolist(), strict=True))
@@ -400,13 +393,9 @@ def _with_alternatives(
 
 
 def _is_possible(
-    item: _ErrorTest,
-    best: _ErrorTest,
-    products: ScoreProducts,
-    indices: tuple[int, ...],
-    noise_dof: float,
+    item: _ErrorTest, best: _ErrorTest, products: ScoreProducts, indices: tuple[int, ...], noise_dof: float
 ) -> bool:
-    """Return whether the best error, of the first columns, becomes insignificant once another one is estimated."""
+    """Return whether the best error, of the first columns, is insignificant once another error is estimated."""
     union = products.test((*indices, *range(best.width)))
     assert union is not None  # a part of it is determined
     chi2, dof = union.chi2 - item.score_test.chi2, union.dof - item.score_test.dof

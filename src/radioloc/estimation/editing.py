@@ -273,12 +273,11 @@ class _Editor:
 
     def scale(self, residual_m: Floats) -> float:
         """Robust scale of the usable residuals over their stated sigmas."""
-        return robust_scale(
-            residual_m[self.usable] / self.noise.sigma_m[self.usable], self.unconstrained_count
-        )
+        normalized = residual_m[self.usable] / self.noise.sigma_m[self.usable]
+        return robust_scale(normalized, self.unconstrained_count)
 
     def without_rejections(self, outlier_count: int, threshold: float) -> _Selection:
-        """Use all observations, with the reason."""
+        """Select all usable observations, with the message why."""
         message = (
             f"{outlier_count} of {self.usable.sum()} observations exceed {threshold:g} sigmas, more than the limit of "
             f"{self.max_rejected}, so none is rejected: check stations, sigmas and model"

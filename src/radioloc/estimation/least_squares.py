@@ -196,11 +196,11 @@ def fit_least_squares(
     check_residuals(linearization, mask)
 
     # Weights: given ones, those of the process noise, or those of the stated noise.
-    stated = noise.whitener(mask)
+    stated_whitening = noise.whitener(mask)
     process = process_noise(linearization)
     if process is not None and whitening is None:
         whitening = InformationFilter.from_observations(process, noise, mask)
-    solver = _GaussNewton(residual_function, parameters, whitening or stated, int(mask.sum()))
+    solver = _GaussNewton(residual_function, parameters, whitening or stated_whitening, int(mask.sum()))
 
     factor = factorize(linearization, solver.whitening, parameters, x)
     if factor is None:
@@ -215,7 +215,7 @@ def fit_least_squares(
     # Chi-square refers to the stated noise, whatever the weights.
     chi2 = iterate.sum_of_squares
     if (whitening is not None and process is None) or math.isnan(chi2):
-        chi2 = _sum_of_squares(linearization.residual_m, stated, parameters, iterate.x)
+        chi2 = _sum_of_squares(linearization.residual_m, stated_whitening, parameters, iterate.x)
     prior_count = int((np.isfinite(parameters.prior_sigmas) & parameters.free).sum())
     smoothed = correlation = None
     if process is not None:  # the weights allow for the correlation by process noise, and no other is sought
@@ -278,13 +278,13 @@ class _GaussNewton:
             is_rounding = 0.5 * previous_length < length < _MAX_ROUNDING_STEP * tolerance
             if is_negligible or is_rounding:
                 return iterate, FitStatus.CONVERGED
-            descent = self.descend(iterate, damping)
-            if descent is None:
+            descended = self.descend(iterate, damping)
+            if descended is None:
                 # The sum of squares is at its minimum to rounding, or the partials are wrong.
                 max_step = max(_SHORT_STEP_SIGMAS, _MAX_FUTILE_STEP * np.sqrt(iterate.sum_of_squares))
                 return iterate, FitStatus.CONVERGED if length <= max_step else FitStatus.DIVERGED
             previous_length, factor = length, iterate.factor
-            iterate, damping = descent
+            iterate, damping = descended
             damping = damping / 3.0 if damping > 0.0 and damping > factor.least_damping else 0.0
             if length < tolerance:
                 return iterate, FitStatus.CONVERGED

@@ -157,7 +157,7 @@ class _Fit:
     edited: EditedFit
     stochastic: StochasticProblem | None
     orbits: GravityErrorOrbits  # with the considered errors of their gravity fields
-    unadjusted_errors: ConsideredErrors | None  # considered errors that are not in the weights
+    unadjusted: ConsideredErrors | None  # considered errors that are not in the weights
 
     @property
     def x(self) -> NDArray[np.float64]:
@@ -185,9 +185,7 @@ class _Fit:
         problem, edited = self.problem, self.edited
         if problem.choice is None:
             return []
-        doubts = [
-            *misfits(edited, with_considered(problem.noise.sigma_m, self.unadjusted_errors), problem.order)
-        ]
+        doubts = [*misfits(edited, with_considered(problem.noise.sigma_m, self.unadjusted), problem.order)]
         for k, target in enumerate(self.model.targets):
             fitted = FittedObservations(
                 self.model.predictor,
@@ -241,7 +239,7 @@ def _build(fitted: _Fit, consistency: bool) -> Solution:
         consistency=consistency,
         ephemeris_sigma_enu_m=np.zeros(3) if estimate is None else np.array(estimate.ephemeris_sigma_m),
         name=study.name,
-        considered=fitted.unadjusted_errors,
+        considered=fitted.unadjusted,
         candidates=problem.fixed_parameter_errors(model, x, fitted.orbits)
         if consistency and estimate is not None
         else None,
@@ -259,9 +257,7 @@ def _complete(fitted: _Fit, solution: Solution, not_selected: dict[str, int]) ->
     states = {k: orbit_state(model, k, x, covariance, consider, fitted.orbits) for k in model.orbit_indices}
     if fitted.stochastic is not None:
         [k] = states
-        states[k] = fitted.stochastic.smoothed(
-            states[k], fitted.edited, problem.order, fitted.unadjusted_errors
-        )
+        states[k] = fitted.stochastic.smoothed(states[k], fitted.edited, problem.order, fitted.unadjusted)
     trajectory = solution.trajectory
     if states and not model.place_indices:
         trajectory = ", ".join(str(state.orbit) for state in states.values())

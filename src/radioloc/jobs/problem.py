@@ -216,14 +216,14 @@ def _considered_kinds(
             for name, item in choice.parameters.items()
         }
     # `ephemeris_sigma_m` includes the errors of the Moon; with a trajectory, they are considered on request only.
-    without_moon = any(choice.ephemeris_sigma_m) or bool(predictor.trajectories)
+    stated_only = _MOON_KINDS if any(choice.ephemeris_sigma_m) or predictor.trajectories else ()
     with error_context("[consider]"):
         return resolve_considered(
             study.consider,
             predictor,
             estimated,
             defaults=study.consider_defaults,
-            without_defaults=_MOON_KINDS if without_moon else (),
+            without_defaults=stated_only,
         )
 
 

@@ -65,12 +65,12 @@ def fit_fields(solution: Solution) -> Iterator[Field]:
 def rejected_detail(solution: Solution) -> Detail:
     """Return the rejected observations as a table."""
     residuals, count = solution.residuals, solution.fit.total.rejected
-    order = _rejected_rows(residuals)[:_MAX_PAGE_ROWS]
-    epochs = utc_strings(residuals.epoch_utc[order], decimals=0)
-    sizes = (f"{value:.4g}" for value in residuals.residual_m[order])
-    rows = list(zip(epochs, _link_labels(residuals)[order], sizes, residuals.statuses[order], strict=True))
+    rows = _rejected_rows(residuals)[:_MAX_PAGE_ROWS]
+    epochs, links = utc_strings(residuals.epoch_utc[rows], decimals=0), _link_labels(residuals)[rows]
+    sizes = (f"{value:.4g}" for value in residuals.residual_m[rows])
+    cells = zip(epochs, links, sizes, residuals.statuses[rows], strict=True)
     title = f"{len(rows)} of {count}" if count > len(rows) else "All"
-    field = Field("", (), ("UTC", "link", "residual, m", "reason"), rows)
+    field = Field("", (), ("UTC", "link", "residual, m", "reason"), tuple(cells))
     return Detail(REJECTED, f"{title}, the largest residuals first", (field,), count <= _MAX_UNFOLDED_ROWS)
 
 
@@ -229,10 +229,10 @@ def _disagreement_lines(solution: Solution) -> Iterator[str]:
     means = _range_means(solution)
     pair_count = sum(math.comb(len(station_means), 2) for station_means in means.values())
     for station, station_means in means.items():
-        pairs = combinations(sorted(station_means, key=lambda item: item.mean_m), 2)
-        low, high = max(pairs, key=lambda pair: pair[0].sigmas_below(pair[1]), default=(None, None))
-        if low is None or high is None:
+        if len(station_means) < 2:
             continue
+        pairs = combinations(sorted(station_means, key=lambda item: item.mean_m), 2)
+        low, high = max(pairs, key=lambda pair: pair[0].sigmas_below(pair[1]))
         sigmas = low.sigmas_below(high)
         if pair_count * math.erfc(sigmas / math.sqrt(2.0)) < _RANGE_SIGNIFICANCE_LEVEL:
             yield (
@@ -263,14 +263,14 @@ def _range_means(solution: Solution) -> dict[str, list[_RangeMean]]:
 
 def _rejected_lines(residuals: Residuals) -> Iterator[str]:
     """Yield the rejected observations: each of a few, otherwise those of a link with one reason in one line."""
-    order, links, reasons = _rejected_rows(residuals), _link_labels(residuals), residuals.reasons
-    groups = links.codes[order] * len(reasons.texts) + reasons.codes[order]
-    if len(order) <= _MAX_REJECTED_LINES:
-        groups = np.arange(len(order))
-    _, first, group = np.unique(groups, return_index=True, return_inverse=True)
-    epochs, shown_count = residuals.epoch_utc, 0
-    for index in np.argsort(first)[:_MAX_REJECTED_LINES].tolist():
-        rows = order[group == index]
+    rejected, links, reasons = _rejected_rows(residuals), _link_labels(residuals), residuals.reasons
+    keys = links.codes[rejected] * len(reasons.texts) + reasons.codes[rejected]
+    if len(rejected) <= _MAX_REJECTED_LINES:
+        keys = np.arange(len(rejected))
+    _, first_index, group = np.unique(keys, return_index=True, return_inverse=True)
+    epochs, listed_count = residuals.epoch_utc, 0
+    for index in np.argsort(first_index)[:_MAX_REJECTED_LINES].tolist():
+        rows = rejected[group == index]
         earliest = rows[np.lexsort((epochs.fraction[rows], epochs.jd[rows]))[:1]]
         times, reason = utc_strings(epochs[earliest], decimals=0)[0], residuals.statuses[rows[0]]
         if len(rows) > 1:
@@ -279,8 +279,8 @@ def _rejected_lines(residuals: Residuals) -> Iterator[str]:
             _, _, figures = reason.partition(": ")
             reason = f"{reasons[rows[0]]}, the largest: {figures}" if figures else reasons[rows[0]]
         yield f"{times} {links[rows[0]]}: {reason}"
-        shown_count += len(rows)
-    yield from remaining_line(len(order), shown_count)
+        listed_count += len(rows)
+    yield from remaining_line(len(rejected), listed_count)
 
 
 def _rejected_rows(residuals: Residuals) -> NDArray[np.intp]:

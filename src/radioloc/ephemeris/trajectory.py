@@ -135,10 +135,10 @@ class Trajectory:
 
     @accepts_quantities
     def geocentric(self, ephemeris: Ephemeris, tdb: EpochsLike) -> tuple[Floats, Floats]:
-        """Geocentric position and velocity, geometric (no light time), in barycentric coordinates, ICRF axes.
+        """Return geocentric positions and velocities in barycentric coordinates, ICRF axes, m and m/s, (n, 3) each.
 
-        Segments are evaluated at one float, seconds since J2000, to 0.06 microseconds, 0.1 mm at 2 km/s.
-        The remainder of the epoch is applied with the velocity, accurate to far below a micrometre.
+        They are geometric (no light time). Segments are evaluated at one float, seconds since J2000, to 0.06
+        microseconds, 0.1 mm at 2 km/s; the velocity times the remainder of the epoch is added.
 
         Raises
         ------

@@ -45,8 +45,8 @@ _EFFECT_COLUMN_COUNT = 16  # number of columns above which parts have fewer rows
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ConsideredErrors:
-    """Considered parameters that stay out of the weights, with their columns of the design matrix by rows, (m, c)."""
+class UnestimatedErrors:
+    """Errors that a fit does not estimate, as parameters with their columns of the design matrix by rows, (m, c)."""
 
     parameters: ParameterSet
     partials: RowsOf
@@ -108,7 +108,7 @@ class ReportedEstimate:
 
 
 def reported_estimate(
-    fit: FitResult, covariance: Floats, unadjusted: ConsideredErrors | None
+    fit: FitResult, covariance: Floats, unadjusted: UnestimatedErrors | None
 ) -> ReportedEstimate:
     """Separate the estimate from the considered parameters, whose errors are a part of `covariance` (all, all)."""
     considered = fit.parameters.considered
@@ -135,7 +135,7 @@ def reported_estimate(
     )
 
 
-def sensitivity(fit: FitResult, unadjusted: ConsideredErrors) -> Consider:
+def sensitivity(fit: FitResult, unadjusted: UnestimatedErrors) -> Consider:
     """Return the effect on all parameters of a fit of errors that are not in its weights, S = P A^T W B."""
     shifts = consider_sensitivity(fit, unadjusted.partials, len(unadjusted.parameters))
     return Consider(unadjusted.parameters, shifts * unadjusted.parameters.prior_sigmas)

@@ -14,10 +14,9 @@ observations, so that rejections do not tighten the limit.
 3. The parameters are estimated; steps 2 and 3 are repeated until the set of used observations stays the same.
 
 No observation is rejected if more than 30 % would be: the model, a station or the sigmas are then wrong. If so many
-residuals of the robust estimate are large, those of a fit to all observations decide. Links of which nearly all
-observations are outliers do not count if they have less than half of the observations, which is the largest fraction of
-errors that an estimate withstands (Rousseeuw and Leroy 1987): a fit to a station clock that is 1 ms off ends thousands
-of kilometres away.
+residuals of the robust estimate are large, those of a fit to all observations decide. Links with 70 % of outliers or
+more do not count if they have less than half of the observations, the largest fraction of errors that an estimate
+withstands (Rousseeuw and Leroy 1987): a fit to a station clock that is 1 ms off ends thousands of kilometres away.
 
 References: Baarda (1968), A testing procedure for use in geodetic networks; Belsley, Kuh and Welsch (1980), chapter 2;
 Rousseeuw and Leroy (1987), Robust regression and outlier detection, section 1.2.
@@ -52,9 +51,7 @@ _MIN_THRESHOLD = 2.0  # sigmas; a smaller one rejects more than 4.5 % of the goo
 _MAX_FIT_COUNT = 20
 _MAX_REJECTED_FRACTION = 0.3  # of usable observations; more outliers mean a wrong model, station or sigma
 _MIN_STUDENTIZED_RATIO = 0.2  # sigma of a residual over that of its observation: leverages up to 0.96
-_MIN_RUN_LENGTH = (
-    3  # with 3 % independent outliers, one of 150,000 observations begins such a run of one sign
-)
+_MIN_RUN_LENGTH = 3  # of one sign; with 3 % of outliers, one of 150,000 observations begins such a run
 
 
 @dataclass(frozen=True, slots=True, eq=False)

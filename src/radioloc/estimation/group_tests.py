@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.estimation.consider import ConsideredErrors
+from radioloc.estimation.consider import UnestimatedErrors
 from radioloc.estimation.gauss_markov import Points, SeriesNoise, noise_of_series
 from radioloc.estimation.least_squares import FitResult
 from radioloc.estimation.linearization import gram, times
@@ -114,8 +114,8 @@ class BinnedProblem:
         fit: FitResult,
         order: SeriesOrder,
         noise_of: Callable[[Points], Mapping[str, SeriesNoise]],
-        considered: ConsideredErrors | None = None,
-        candidates: ConsideredErrors | None = None,
+        considered: UnestimatedErrors | None = None,
+        candidates: UnestimatedErrors | None = None,
     ) -> BinnedProblem:
         """Bin a fit, its parameters scaled to unit formal covariance and consider parameters to a-priori sigmas."""
         free, sigmas = fit.parameters.free, fit.parameters.prior_sigmas[fit.parameters.free]

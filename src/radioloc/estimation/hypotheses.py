@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from radioloc.constants import C_M_S
-from radioloc.estimation.consider import ConsideredErrors, owner
+from radioloc.estimation.consider import UnestimatedErrors, owner
 from radioloc.estimation.editing import EditedFit
 from radioloc.estimation.gauss_markov import TimeCorrelation
 from radioloc.estimation.group_tests import BinnedProblem, ScoreProducts, noise_of_each
@@ -104,8 +104,8 @@ class Hypotheses:
     fitted: BinnedProblem  # with the weights of the fit
     fit: FitResult
     order: SeriesOrder
-    considered: ConsideredErrors | None
-    candidates: ConsideredErrors | None  # parameters that the fit holds at zero
+    considered: UnestimatedErrors | None
+    candidates: UnestimatedErrors | None  # parameters that the fit holds at zero
     codes: tuple[int, ...]  # indices of all series
     count_s: Floats | None = None  # (n,), count intervals
     readmitted: tuple[Rows, ...] = ()  # runs of outliers that are observations of the problem
@@ -116,8 +116,8 @@ class Hypotheses:
         edited: EditedFit,
         order: SeriesOrder,
         correlation: TimeCorrelation | None,
-        considered: ConsideredErrors | None = None,
-        candidates: ConsideredErrors | None = None,
+        considered: UnestimatedErrors | None = None,
+        candidates: UnestimatedErrors | None = None,
         count_s: Floats | None = None,
         runs: Iterable[Rows] = (),
     ) -> Hypotheses | None:

@@ -212,7 +212,7 @@ def fit_least_squares(
     if not factor.determined.all() and status is FitStatus.CONVERGED:
         status = FitStatus.UNOBSERVABLE
 
-    # Chi-square refers to the stated noise, whatever the weights.
+    # Chi-square refers to the stated noise, with the process noise of an orbit, and not to other weights.
     chi2 = iterate.sum_of_squares
     if (whitening is not None and process is None) or math.isnan(chi2):
         chi2 = _sum_of_squares(linearization.residual_m, stated_whitening, parameters, iterate.x)

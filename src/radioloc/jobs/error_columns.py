@@ -9,7 +9,7 @@ import numpy as np
 
 from radioloc.dynamics import AdjustableOrbit
 from radioloc.dynamics.stochastic import interval_accelerations
-from radioloc.estimation.consider import Consider, ConsideredErrors, owner
+from radioloc.estimation.consider import Consider, UnestimatedErrors, owner
 from radioloc.estimation.hypotheses import FORCES, TERM
 from radioloc.measurements.physical_model import TERMS
 from radioloc.measurements.predictor import Predictor
@@ -32,7 +32,7 @@ GravityErrorOrbits = Mapping[int, AdjustableOrbit]
 
 def parameter_errors(
     blocks: Sequence[ParameterBlock], model: ObservationModel, x: Floats
-) -> ConsideredErrors | None:
+) -> UnestimatedErrors | None:
     """Return parameters with their partials at the parameters x of a model; None without any."""
     if not blocks:
         return None
@@ -40,7 +40,7 @@ def parameter_errors(
     motions = model.motions(x)
     prediction, residual_m = model.predictor.predict(motions), np.zeros(0)  # residuals are not asked for
     design = DesignMatrix(errors, prediction, motions, errors.parameters.prior_values, residual_m)
-    return ConsideredErrors(errors.parameters, design.partials)
+    return UnestimatedErrors(errors.parameters, design.partials)
 
 
 def fixed_parameter_blocks(predictor: Predictor, parameters: Iterable[Parameter]) -> list[ParameterBlock]:
@@ -73,7 +73,7 @@ def fixed_parameter_blocks(predictor: Predictor, parameters: Iterable[Parameter]
     return blocks
 
 
-def term_errors(model: ObservationModel, x: Floats) -> ConsideredErrors | None:
+def term_errors(model: ObservationModel, x: Floats) -> UnestimatedErrors | None:
     """Return each switched-off term of the model as a parameter: 1 if the observations contain the term."""
     predictor, physical, effects_m = model.predictor, model.predictor.model, dict[str, Floats]()
     unavailable = {"ionosphere"} if physical.ionosphere is None else set[str]()
@@ -92,23 +92,25 @@ def term_errors(model: ObservationModel, x: Floats) -> ConsideredErrors | None:
     return unit_errors(TERM, list(effects_m), np.nan_to_num(np.column_stack(list(effects_m.values()))))
 
 
-def unit_errors(kind: str, names: Iterable[str], effects_m: Floats) -> ConsideredErrors:
+def unit_errors(kind: str, names: Iterable[str], effects_m: Floats) -> UnestimatedErrors:
     """Return errors of unit sigma from their effects on all observations, (n, k)."""
     items = [Parameter(name, "1", kind, 0.0, 1.0, scale=1.0, role=Role.CONSIDERED) for name in names]
-    return ConsideredErrors(ParameterSet(items), lambda rows: effects_m[rows])
+    return UnestimatedErrors(ParameterSet(items), lambda rows: effects_m[rows])
 
 
-def join_errors(first: ConsideredErrors | None, second: ConsideredErrors | None) -> ConsideredErrors | None:
+def join_errors(
+    first: UnestimatedErrors | None, second: UnestimatedErrors | None
+) -> UnestimatedErrors | None:
     """Return two sets of errors as one."""
     if first is None or second is None:
         return second if first is None else first
-    return ConsideredErrors(
+    return UnestimatedErrors(
         ParameterSet([*first.parameters, *second.parameters]),
         lambda rows: np.hstack([first.partials(rows), second.partials(rows)]),
     )
 
 
-def gravity_errors(orbits: GravityErrorOrbits, model: ObservationModel) -> ConsideredErrors | None:
+def gravity_errors(orbits: GravityErrorOrbits, model: ObservationModel) -> UnestimatedErrors | None:
     """Return errors of gravity fields with their effects on the observations; orbits in one field share them."""
     if not orbits:
         return None
@@ -119,7 +121,7 @@ def gravity_errors(orbits: GravityErrorOrbits, model: ObservationModel) -> Consi
     return unit_errors("gravity_error", names, np.hstack(list(effects.values())))
 
 
-def force_errors(model: ObservationModel, x: Floats) -> ConsideredErrors | None:
+def force_errors(model: ObservationModel, x: Floats) -> UnestimatedErrors | None:
     """Return accelerations, constant in intervals, that the forces of the orbits lack; None without any orbit."""
     effects, motions = list[Floats](), model.motions(x)
     for k in model.orbit_indices:

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.errors import InputError
-from radioloc.estimation.consider import ConsideredErrors
+from radioloc.estimation.consider import UnestimatedErrors
 from radioloc.estimation.editing import EditedFit, fit_with_editing, with_reasons
 from radioloc.estimation.phase_editing import PhaseCounts, phase_faults
 from radioloc.estimation.status import Doubt, FitStatus
@@ -157,7 +157,7 @@ class _Fit:
     edited: EditedFit
     stochastic: StochasticProblem | None
     orbits: GravityErrorOrbits  # with the considered errors of their gravity fields
-    unadjusted: ConsideredErrors | None  # considered errors that are not in the weights
+    unadjusted: UnestimatedErrors | None  # considered errors that are not in the weights
 
     @property
     def x(self) -> NDArray[np.float64]:

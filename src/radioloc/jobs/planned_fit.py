@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
 from radioloc.errors import InputError
-from radioloc.estimation.consider import Consider, ConsideredErrors, error_budget, prior_effects, sensitivity
+from radioloc.estimation.consider import Consider, UnestimatedErrors, error_budget, prior_effects, sensitivity
 from radioloc.estimation.least_squares import FitResult
 from radioloc.estimation.linearization import Linearization, covariance_matrix, factorize
 from radioloc.estimation.observability import assess_observability
@@ -87,7 +87,7 @@ class PlannedFit:
         return replace(self, parameters=ParameterSet(items))
 
     @cached_property
-    def unadjusted_errors(self) -> ConsideredErrors | None:
+    def unadjusted_errors(self) -> UnestimatedErrors | None:
         """Considered errors that are left out of the weights."""
         problem = self.part.problem
         return problem.unadjusted_errors(problem.model, problem.model.parameters.prior_values, self.orbits)

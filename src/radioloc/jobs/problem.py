@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.errors import InputError, error_context
-from radioloc.estimation.consider import ConsideredErrors
+from radioloc.estimation.consider import UnestimatedErrors
 from radioloc.estimation.series import SeriesOrder, seconds_since_midnight
 from radioloc.jobs.error_columns import (
     GravityErrorOrbits,
@@ -129,13 +129,13 @@ class EstimationProblem:
 
     def unadjusted_errors(
         self, model: ObservationModel, x: Floats, orbits: GravityErrorOrbits
-    ) -> ConsideredErrors | None:
+    ) -> UnestimatedErrors | None:
         """Return the errors b with their partials B at parameters x of a model, those of gravity last."""
         return join_errors(parameter_errors(self.unadjusted_blocks, model, x), gravity_errors(orbits, model))
 
     def fixed_parameter_errors(
         self, model: ObservationModel, x: Floats, orbits: GravityErrorOrbits
-    ) -> ConsideredErrors | None:
+    ) -> UnestimatedErrors | None:
         """Return the parameters, terms and forces that the fit holds at zero, with their partials at parameters x."""
         parameters = [*model.parameters, *(item for _, items in self.unadjusted_blocks for item in items)]
         blocks = fixed_parameter_blocks(self.predictor.uncombined, parameters)

@@ -19,7 +19,7 @@ from radioloc.dynamics.stochastic import (
     stochastic_forces,
 )
 from radioloc.errors import InputError
-from radioloc.estimation.consider import ConsideredErrors, consider_sensitivity
+from radioloc.estimation.consider import UnestimatedErrors, consider_sensitivity
 from radioloc.estimation.editing import EditedFit
 from radioloc.estimation.information_filter import InformationFilter
 from radioloc.estimation.least_squares import FitResult
@@ -124,7 +124,7 @@ class StochasticProblem:
         return True
 
     def smoothed(
-        self, state: OrbitState, fitted: EditedFit, order: SeriesOrder, unadjusted: ConsideredErrors | None
+        self, state: OrbitState, fitted: EditedFit, order: SeriesOrder, unadjusted: UnestimatedErrors | None
     ) -> OrbitState:
         """Return the state of the smoothed orbit, with errors by interval where all is determined."""
         fit = fitted.fit

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.earth.stations import Station, StationCatalogue, reordered_coordinates
 from radioloc.errors import InputError
-from radioloc.estimation.consider import ConsideredErrors
+from radioloc.estimation.consider import UnestimatedErrors
 from radioloc.estimation.editing import EditedFit
 from radioloc.estimation.series import LinkSeries, SeriesOrder
 from radioloc.estimation.stated_sigmas import noise_over_stated
@@ -50,7 +50,7 @@ MAX_START_DISTANCE_M = 1e5
 """Largest distance of an estimate from the a-priori position within which all starts end at one place."""
 
 
-def with_considered(sigma_m: NDArray[np.float64], errors: ConsideredErrors | None) -> NDArray[np.float64]:
+def with_considered(sigma_m: NDArray[np.float64], errors: UnestimatedErrors | None) -> NDArray[np.float64]:
     """Return sigmas (n,) with considered errors outside the weights, which the residuals contain, m."""
     if errors is None:
         return sigma_m

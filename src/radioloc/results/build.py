@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from radioloc.estimation.adaptation import MAX_SHIFT_SIGMAS, AdaptedEstimate
 from radioloc.estimation.combination import ReferenceComparison
-from radioloc.estimation.consider import UNMODELLED_ERROR, Consider, ConsideredErrors, reported_estimate
+from radioloc.estimation.consider import UNMODELLED_ERROR, Consider, UnestimatedErrors, reported_estimate
 from radioloc.estimation.consistency import assess_consistency, outlier_run_findings
 from radioloc.estimation.editing import EditedFit, outlier_runs, run_reasons, with_reasons
 from radioloc.estimation.hypotheses import Hypotheses
@@ -42,8 +42,8 @@ def build_solution(
     observed_m: Floats,
     elevation_deg: Floats | None = None,
     count_s: Floats | None = None,
-    considered: ConsideredErrors | None = None,
-    candidates: ConsideredErrors | None = None,
+    considered: UnestimatedErrors | None = None,
+    candidates: UnestimatedErrors | None = None,
     doubts: Sequence[Doubt] = (),
     order: SeriesOrder | None = None,
     stated_m: Floats | None = None,

@@ -7,7 +7,7 @@ import pytest
 
 from radioloc.errors import InputError
 from radioloc.estimation.consider import (
-    ConsideredErrors,
+    UnestimatedErrors,
     consider_sensitivity,
     principal_errors,
     prior_effects,
@@ -26,7 +26,7 @@ PARAMETERS = ParameterSet(
         Parameter("e", "m", "bias", role=Role.FIXED),
     ]
 )
-ERRORS = ConsideredErrors(
+ERRORS = UnestimatedErrors(
     ParameterSet(
         [
             Parameter("c", "m", "bias", 2.0, 0.7, Role.CONSIDERED),

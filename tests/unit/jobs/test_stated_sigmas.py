@@ -8,7 +8,7 @@ import pytest
 
 import radioloc
 from radioloc.estimation import FitStatus, Labels, Parameter, ParameterSet
-from radioloc.estimation.consider import ConsideredErrors
+from radioloc.estimation.consider import UnestimatedErrors
 from radioloc.estimation.editing import fit_with_editing
 from radioloc.estimation.noise_structure import Differences, noise_ratios
 from radioloc.estimation.series import SeriesOrder
@@ -90,7 +90,7 @@ def test_residuals_are_compared_with_stated_and_considered_variance():
     parameters = ParameterSet([Parameter("offset", "m", "bias")])
     edited = fit_with_editing(lambda x: (observed_m - design @ x, design), parameters, 1.0, threshold=None)
     order = SeriesOrder.from_labels(Labels.from_texts(["range"] * n), Labels.from_texts(["A"] * n), time_s)
-    errors = ConsideredErrors(
+    errors = UnestimatedErrors(
         ParameterSet([Parameter("error", "1", "error", prior_sigma=1.0)]), lambda rows: effect_m[rows, None]
     )
     assert [*misfits(edited, with_considered(np.ones(n), None), order)]

@@ -148,7 +148,7 @@ def state_from_elements(
 
 
 def state_with_partials(elements: Floats, gm_m3_s2: float, axes: Floats, form: str) -> tuple[Floats, Floats]:
-    """Return the state (6,) of elements of an orbit, and its partials with respect to them, (6, 6)."""
+    """Return the state (6,) of elements, also of a hyperbola, and its partials with respect to them, (6, 6)."""
     stepped = elements + 1j * _IMAGINARY_STEP * np.eye(6)
     states = np.stack([_analytic_state(item, gm_m3_s2, axes, form) for item in stepped], axis=-1)
     return states[:, 0].real, states.imag / _IMAGINARY_STEP
@@ -174,6 +174,10 @@ def _analytic_state(elements: NDArray[Any], gm_m3_s2: float, axes: Floats, form:
     cosine, sine = np.cos(true_longitude), np.sin(true_longitude)
     semi_latus_rectum = semi_major_axis_m * (1.0 - ex**2 - ey**2)
     distance = semi_latus_rectum / (1.0 + ex * cosine + ey * sine)
+    if not (semi_latus_rectum.real > 0.0 and distance.real > 0.0):
+        raise InputError(
+            f"elements: expected an ellipse or a point of a hyperbola, got {elements.real.tolist()}"
+        )
     speed_scale = np.sqrt(gm_m3_s2 / semi_latus_rectum)
     axis_0, axis_90 = _orbital_axes(hx, hy)
     position = distance * (cosine * axis_0 + sine * axis_90)

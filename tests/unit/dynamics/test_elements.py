@@ -84,6 +84,21 @@ def test_partials_and_round_trip(form, axes):
         np.testing.assert_allclose(partials[:, k], difference, rtol=0, atol=1e-5 * np.abs(difference).max())
 
 
+@pytest.mark.parametrize("changes", [{1: 1.5}, {0: -1.8e6}, {0: -1.8e6, 1: 1.5, 5: 180.0}])
+def test_partials_of_no_orbit_are_refused(changes):
+    elements = np.array([changes.get(k, value) for k, value in enumerate(KEPLERIAN[0])])
+    with pytest.raises(InputError, match="ellipse or a point of a hyperbola"):
+        state_with_partials(elements, GM, np.eye(3), "keplerian")
+
+
+def test_elements_of_a_hyperbola_return_its_state():
+    state = np.array([2e6, 0.0, 0.0, 100.0, 2500.0, 300.0])
+    elements = elements_from_state(state, GM, np.eye(3))
+    assert elements[1] > 1.0
+    returned, _ = state_with_partials(elements, GM, np.eye(3), "keplerian")
+    np.testing.assert_allclose(returned, state, rtol=0, atol=1e-7)
+
+
 @pytest.mark.parametrize(
     ("changes", "words"),
     [

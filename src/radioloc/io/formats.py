@@ -281,7 +281,7 @@ def _reader_of(path: str | Path) -> Reader:
     formats = "; ".join(f"{reader.name} ({reader.description})" for reader in READERS.values())
     hint = "; a solution of images belongs to [[observations.map_positions]]" if first[0] == "{" else ""
     if len(header := re.split("[,;\t]", first)) >= _MIN_COLUMN_NAMES and first[0].isalpha():
-        hint = f"; {own_columns_hint(path, header)}"
+        raise FileFormatError(path, f"{own_columns_hint(path, header)}; other formats are {formats}")
     raise FileFormatError(path, f"starts with {first[:40]!r}; expected one of the formats {formats}{hint}")
 
 

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 
-from radioloc.errors import InputError
+import numpy as np
+
+from radioloc.errors import InputError, PluginWarning
 from radioloc.measurements.chebyshev_predictor import ChebyshevPredictor
 from radioloc.measurements.combined_predictor import CombinedPredictor, expanded
 from radioloc.measurements.dense_series import DenseSeries
@@ -17,7 +20,34 @@ from radioloc.measurements.target_motion import MotionsLike, as_motions
 
 EVALUATIONS = ("auto", "exact", "interpolated")
 
+_PACKAGED_MEDIA = ("troposphere", "ionosphere", "antenna_axis_offset")
+_SAMPLE_COUNT = 20  # observations by which delays of media are compared
 _MIN_INTERPOLATED_COUNT = 5000  # fewer are computed in a second, about the time to load compiled code
+
+
+def _warn_of_second_troposphere(
+    model: PhysicalModel, observations: Observations, motions: MotionsLike, targets: Sequence[str]
+) -> None:
+    """Warn of a registered medium with delays within a factor of two of the built-in troposphere's."""
+    added = [medium.name for medium in model.media if medium.name not in _PACKAGED_MEDIA]
+    if not (added and model.has("troposphere")):
+        return
+    some = observations.select(
+        np.unique(np.linspace(0, len(observations) - 1, _SAMPLE_COUNT).astype(np.intp))
+    )
+
+    def sum_m(name: str) -> float:
+        with_medium, without = (
+            ExactPredictor(each, some, motions, targets).compute().value_m
+            for each in (model, model.without(name))
+        )
+        return float(np.nansum(np.abs(with_medium - without)))
+
+    for name in added:
+        if 0.5 < sum_m(name) / (sum_m("troposphere") or np.inf) < 2.0:
+            advice = f'switch one off: [model] off = ["troposphere"] or ["{name}"]'
+            text = f"medium {name} delays signals as much as the built-in troposphere, and both are applied"
+            warnings.warn(f"{text}; {advice}", PluginWarning, stacklevel=3)
 
 
 def prepare_predictor(
@@ -85,6 +115,7 @@ def prepare_predictor(
         simple, parts = expanded(observations)
         inner = prepare_predictor(model, simple, all_motions, evaluation, targets, more_partials)
         return CombinedPredictor(observations, parts, inner)
+    _warn_of_second_troposphere(model, observations, all_motions, targets)
     sparse = len(observations) < _MIN_INTERPOLATED_COUNT
     exact = evaluation == "exact" or has_spacecraft or (evaluation == "auto" and sparse)
     series = None if exact else DenseSeries(model, observations, more_partials)

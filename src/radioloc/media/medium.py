@@ -7,7 +7,6 @@ derivatives (:class:`Leg`). The :class:`LineOfSight` is the sum over all media, 
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
@@ -19,7 +18,6 @@ from numpy.typing import NDArray
 
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.earth.stations import Station
-from radioloc.errors import PluginWarning
 from radioloc.lunar.frames import hidden_by_moon
 from radioloc.plugins import entry_errors
 from radioloc.time import Epochs
@@ -102,7 +100,6 @@ def describe(
     return code, np.array(shown, dtype=np.str_)[text_of_row]
 
 
-_PACKAGED = ("troposphere", "ionosphere", "antenna_axis_offset")
 _MAX_DEPTH_M = 2e4  # below any terrain of the Moon, which reaches down to -9.2 km from the sphere
 
 
@@ -286,13 +283,11 @@ def line_of_sight(
     names = ("delay_m", "rate_m_s", "by_elevation_m_rad", "by_zenith_wet")
     by_position: Floats | float = 0.0
     status = np.zeros(n, dtype=np.int8)
-    sizes_m = {}
     for medium in media:
         with entry_errors(f"medium {medium.name}", "delay"):
             leg_delay = medium.delay(leg, prepared.get(medium.name))
         if leg_delay is None:
             continue
-        sizes_m[medium.name] = float(np.abs(leg_delay.delay_m).sum())
         for total, name in zip(sums, names, strict=True):
             part = getattr(leg_delay, name)
             if part is not None:
@@ -301,7 +296,6 @@ def line_of_sight(
             by_position = by_position + leg_delay.by_position
         if leg_delay.status is not None:
             status = first_failure(status, leg_delay.status)
-    _warn_of_second_troposphere(sizes_m)
     elevation = leg.elevation
     rate_m_s = rate_m_s + by_elevation_m_rad * elevation.rate_rad_s
     by_position = by_position + by_elevation_m_rad[:, None] * elevation.by_position_rad_m
@@ -310,18 +304,6 @@ def line_of_sight(
         status = np.where(hidden & is_craft, Status.BEHIND_MOON, status).astype(np.int8)
     status = np.where(elevation.angle_rad < 0.0, Status.BELOW_HORIZON, status).astype(np.int8)
     return LineOfSight(leg, delay_m, rate_m_s, by_position, by_zenith_wet, status)
-
-
-def _warn_of_second_troposphere(sizes_m: Mapping[str, float]) -> None:
-    """Warn of a medium with delays, summed over legs, within a factor of two of the built-in troposphere's."""
-    for name, size_m in sizes_m.items():
-        if name not in _PACKAGED and 0.5 < size_m / (sizes_m.get("troposphere") or np.inf) < 2.0:
-            warnings.warn(
-                f"medium {name} delays signals as much as the built-in troposphere, and both are applied; switch one "
-                f'off: [model] off = ["troposphere"] or ["{name}"]',
-                PluginWarning,
-                stacklevel=2,
-            )
 
 
 def behind_moon(point_gcrs_m: Floats, station_gcrs_m: Floats, moon_gcrs_m: Floats) -> NDArray[np.bool_]:

@@ -189,8 +189,9 @@ def _background(ground: Map | TerrainModel, plane: TangentPlane, reach_m: float)
     try:
         heights = ground.height_m(*np.radians(degrees).T).reshape(east.shape)
     except InputError as error:
-        problem = f"the map reaches {reach_m:.4g} m from the first position; give a smaller reach_m (--reach)"
-        raise InputError(f"{error}; {problem}") from None
+        problem = f"the map reaches {reach_m:.4g} m from the first position"
+        advice = "give a smaller reach_m (--reach), or a model of the place"
+        raise InputError(f"{error}; {problem}; {advice}") from None
     light = LightSource(_SUN_AZIMUTH_DEG, _SUN_ELEVATION_DEG)
     return np.asarray(light.hillshade(heights, vert_exag=1.0, dx=pixel_m, dy=pixel_m))
 

@@ -3,8 +3,11 @@
 import numpy as np
 import pytest
 from legs import leg
+from paths import EXAMPLES
 
-from radioloc.errors import InputError
+import radioloc
+from radioloc.errors import InputError, PluginWarning
+from radioloc.measurements import PhysicalModel, prepare_predictor
 from radioloc.media import ElevationDelay, Status
 
 ELEVATION_DEG = np.array([2.9, 3.0, 10.0, 45.0, 89.99])
@@ -29,3 +32,14 @@ def test_delay_and_derivative_of_the_cosecant_law():
 def test_function_without_a_finite_delay_for_each_leg_is_refused(function):
     with pytest.raises(InputError, match="medium constant"):
         ElevationDelay("constant", function).delay(leg(ELEVATION_DEG), None)
+
+
+@pytest.mark.parametrize(("zenith_m", "count"), [(2.4, 1), (0.1, 0)])
+def test_second_troposphere_is_warned_of_once(zenith_m, count, restored_registries, recwarn):
+    radioloc.register(ElevationDelay("second", lambda elevation_rad: zenith_m / np.sin(elevation_rad)))
+    ranges = radioloc.read_observations(EXAMPLES / "change5" / "short_arc.csv")
+    place = radioloc.LunarPosition.from_selenographic(-51.9162, 43.0584, -2550.4)
+    model = PhysicalModel.build()
+    for terms in (model, model.without("second"), model.without("troposphere")):
+        prepare_predictor(terms, ranges, place)
+    assert [warning.category for warning in recwarn] == [PluginWarning] * count

@@ -1,6 +1,5 @@
 """Sum of the media on a leg, its derivatives, and the status of obstructed legs."""
 
-from contextlib import nullcontext
 from dataclasses import replace
 
 import numpy as np
@@ -8,8 +7,6 @@ import pytest
 from legs import end, leg, state
 
 from radioloc.earth.stations import StationCatalogue
-from radioloc.errors import PluginWarning
-from radioloc.media import ElevationDelay
 from radioloc.media.axis_offset import AntennaAxisOffset
 from radioloc.media.ionosphere import Ionosphere, UniformTec
 from radioloc.media.medium import Leg, Status, behind_moon, line_of_sight
@@ -36,15 +33,6 @@ def test_delays_of_all_media_add_up():
     assert all(abs(part.delay_m[0]) > 0.1 for part in parts)
     assert total.delay_m[0] == pytest.approx(sum(part.delay_m[0] for part in parts), abs=1e-12)
     assert total.status[0] == Status.OK
-
-
-@pytest.mark.parametrize(("zenith_m", "is_warned"), [(2.4, True), (0.1, False)])
-def test_second_troposphere_is_warned_of(zenith_m, is_warned):
-    second = ElevationDelay("second", lambda elevation_rad: zenith_m / np.sin(elevation_rad))
-    expected = pytest.warns(PluginWarning, match="troposphere") if is_warned else nullcontext()
-    with expected:
-        view((*MEDIA, second))
-    view((*MEDIA[1:], second))
 
 
 def test_derivative_by_position_is_that_of_the_delay():

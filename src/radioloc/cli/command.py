@@ -126,7 +126,10 @@ STUDY = study_file(
 )
 """The study file as the positional argument ``study``."""
 STUDIES = argument(
-    "studies STUDY.toml", f"{STUDY.keywords['help']}; several have a folder each in --out, named after the file or its folder", Path, nargs="+"
+    "studies STUDY.toml",
+    f"{STUDY.keywords['help']}; several have a folder each in --out, named after the file or its folder",
+    Path,
+    nargs="+",
 )
 SIMULATED_STUDY = study_file("a study file with [simulation] (keys: radioloc new --help)")
 JSON = flag("--json", "print the result as JSON and nothing else")

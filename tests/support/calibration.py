@@ -152,10 +152,7 @@ def row(result: Calibration) -> str:
     return f"| {result.cell.name} | {result.count} | {result.nees:.2f} | {held} | {remark} |"
 
 
-HEADING = (
-    "| cell | draws | NEES/d | inside of 68 / 95 %, % | remark |",
-    "| --- | ---: | ---: | --- | --- |",
-)
+HEADING = ("| cell | draws | NEES/d | inside of 68 / 95 %, % | remark |", "| --- | ---: | ---: | --- | --- |")
 
 
 def draw_figure(results: Sequence[Calibration], file: Path) -> None:

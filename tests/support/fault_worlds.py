@@ -19,15 +19,7 @@ from radioloc.dynamics import Forces, GravityField
 from radioloc.jobs.preparation import prepared_arc
 from radioloc.jobs.problem import EstimationProblem
 from radioloc.parameters.considered import considered_choices
-from radioloc.simulation import (
-    Masks,
-    Scenario,
-    Schedule,
-    Session,
-    all_ranges,
-    baselines,
-    two_way,
-)
+from radioloc.simulation import Masks, Scenario, Schedule, Session, all_ranges, baselines, two_way
 from radioloc.simulation.noise import generator
 from radioloc.study import EstimateChoice, HeightPrior, ModelChoice, ObservationChoice
 from radioloc.study.orbiter import Orbiter
@@ -162,9 +154,7 @@ def _ranging(step_s: float) -> Session:
 
 def _estimate() -> EstimateChoice:
     return EstimateChoice(
-        range_bias="all",
-        range_bias_sigma_m=BIAS_SIGMA_M,
-        height_prior=HeightPrior(HEIGHT_M, HEIGHT_SIGMA_M),
+        range_bias="all", range_bias_sigma_m=BIAS_SIGMA_M, height_prior=HeightPrior(HEIGHT_M, HEIGHT_SIGMA_M)
     )
 
 
@@ -175,12 +165,7 @@ def _surveyed(stations: tuple[str, ...]) -> Mapping:
 def three_way() -> World:
     """Two- and three-way ranges of three stations over two days, with biases and an a-priori height."""
     return _lander(
-        "three-way",
-        [_ranging(450.0)],
-        "KASHI",
-        "JIAMUSI",
-        estimate=_estimate(),
-        consider=_surveyed(RANGING),
+        "three-way", [_ranging(450.0)], "KASHI", "JIAMUSI", estimate=_estimate(), consider=_surveyed(RANGING)
     )
 
 
@@ -216,10 +201,7 @@ def orbiter() -> World:
     forces = Forces(GravityField.open("GRGM660PRIM", degree=GRAVITY_DEGREE), radiation_m2_kg=0.018)
     state = Orbiter(epoch, tuple(STATE[:3]), tuple(STATE[3:]), forces, "GRAIL-B", gravity_errors=0)
     choice = ObservationChoice(
-        files=tuple(sorted(REAL.glob("*.odf"))),
-        types=("doppler",),
-        doppler_average_s=60.0,
-        hours=ORBIT_HOURS,
+        files=tuple(sorted(REAL.glob("*.odf"))), types=("doppler",), doppler_average_s=60.0, hours=ORBIT_HOURS
     )
     truth = Study(name="grail", target=state, observations=choice)
     arc, _ = prepared_arc(truth)

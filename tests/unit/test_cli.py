@@ -435,10 +435,7 @@ def test_light_times_as_card_as_json_and_in_a_file(capsys, tmp_path):
 
 @pytest.mark.parametrize(
     ("arguments", "message"),
-    [
-        ([], "give a study file or --at"),
-        (["a.toml", "--eop-beyond", "hold"], "--eop-beyond is of --at"),
-    ],
+    [([], "give a study file or --at"), (["a.toml", "--eop-beyond", "hold"], "--eop-beyond is of --at")],
 )
 def test_light_times_of_nothing_or_of_two_places_are_refused(capsys, arguments, message):
     with pytest.raises(SystemExit):

@@ -11,15 +11,7 @@ from paths import EXAMPLES
 import radioloc
 
 NAMES = [m.name for m in pkgutil.walk_packages(radioloc.__path__, "radioloc.") if "__main__" not in m.name]
-LONG = {
-    "arcs",
-    "compare",
-    "covariance",
-    "locate_images",
-    "monte_carlo",
-    "simulate",
-    "verify",
-}
+LONG = {"arcs", "compare", "covariance", "locate_images", "monte_carlo", "simulate", "verify"}
 LONG |= {"plot", "plot_images", "plot_terms", "write_html", "write_report"}
 
 

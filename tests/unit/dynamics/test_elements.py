@@ -101,11 +101,7 @@ def test_elements_of_a_hyperbola_return_its_state():
 
 @pytest.mark.parametrize(
     ("changes", "words"),
-    [
-        ({1: 1.2}, "and 1.2"),
-        ({0: -1.8e6}, "-1.8e\\+06"),
-        ({2: 180.0}, "inclination_deg"),
-    ],
+    [({1: 1.2}, "and 1.2"), ({0: -1.8e6}, "-1.8e\\+06"), ({2: 180.0}, "inclination_deg")],
 )
 def test_elements_outside_of_ellipses(changes, words):
     elements = [changes.get(k, value) for k, value in enumerate(KEPLERIAN[0])]

@@ -109,13 +109,7 @@ def test_degree_outside_of_the_field(degree):
         GravityField.open("GRGM660PRIM", degree=degree)
 
 
-@pytest.mark.parametrize(
-    ("point_m", "words"),
-    [
-        ((0.0, 0.0, 0.0), "finite coordinates"),
-        (5.0, "shape"),
-    ],
-)
+@pytest.mark.parametrize(("point_m", "words"), [((0.0, 0.0, 0.0), "finite coordinates"), (5.0, "shape")])
 def test_points_without_a_value(point_m, words):
     with pytest.raises(InputError, match=words):
         FIELD.acceleration(point_m)

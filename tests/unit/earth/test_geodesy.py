@@ -1,11 +1,7 @@
 import numpy as np
 import pytest
 
-from radioloc.earth.geodesy import (
-    geodetic_from_itrf,
-    itrf_from_geodetic,
-    rot_itrf_to_enu,
-)
+from radioloc.earth.geodesy import geodetic_from_itrf, itrf_from_geodetic, rot_itrf_to_enu
 from radioloc.errors import InputError
 
 ROUNDING_M = 2e-9

@@ -166,10 +166,7 @@ def test_noise_is_scaled_up_where_residuals_leave_no_doubt(observed, scale):
 
 @pytest.mark.parametrize(
     ("kwargs", "words"),
-    [
-        ({"sigma_m": 0.0}, "sigma of observation 0 is 0.0 m"),
-        ({"used": np.ones(3, dtype=bool)}, "^used: "),
-    ],
+    [({"sigma_m": 0.0}, "sigma of observation 0 is 0.0 m"), ({"used": np.ones(3, dtype=bool)}, "^used: ")],
 )
 def test_unusable_input_is_refused(kwargs, words):
     design, observed, sigma = linear()

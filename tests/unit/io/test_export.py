@@ -60,10 +60,7 @@ def test_earth_direction_by_spice_from_the_lander_frame(tmp_path, ephemeris):
 
 @pytest.mark.parametrize(
     ("change", "name", "code", "message"),
-    [
-        ({}, "lander.bsp", 399, "NAIF code"),
-        ({"position": None}, "lander.bsp", 301001, "expected a position"),
-    ],
+    [({}, "lander.bsp", 399, "NAIF code"), ({"position": None}, "lander.bsp", 301001, "expected a position")],
 )
 def test_kernels_that_would_be_wrong_are_refused(tmp_path, change, name, code, message):
     with pytest.raises(InputError, match=message):

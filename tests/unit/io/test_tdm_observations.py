@@ -386,19 +386,11 @@ REFUSED = {
     ),
     "delay without difference": (TWO_WAY, VLBI_RECORD, "got VLBI_DELAY"),
     "one station": (DELAY | {"PATH_2": "1,2"}, VLBI_RECORD, "last station"),
-    "one-way range": (
-        TWO_WAY | {"RANGE_MODE": "ONE_WAY"},
-        RANGES,
-        "RANGE_MODE is ONE_WAY",
-    ),
+    "one-way range": (TWO_WAY | {"RANGE_MODE": "ONE_WAY"}, RANGES, "RANGE_MODE is ONE_WAY"),
     "no interval": (TWO_WAY, RECEIVED, "RECEIVE_FREQ_1 needs INTEGRATION_INTERVAL"),
     "no uplink": (TWO_WAY | COUNT | RATIO, RECEIVED[:1], "RECEIVE_FREQ_1 needs TRANSMIT_FREQ_1 of KASHI"),
     "no ratio": (TWO_WAY | COUNT, RECEIVED, "needs the transponder's ratio"),
-    "half a ratio": (
-        TWO_WAY | COUNT | {"TURNAROUND_NUMERATOR": "880"},
-        RECEIVED,
-        "TURNAROUND_DENOMINATOR",
-    ),
+    "half a ratio": (TWO_WAY | COUNT | {"TURNAROUND_NUMERATOR": "880"}, RECEIVED, "TURNAROUND_DENOMINATOR"),
     "wrong ratio": (
         TWO_WAY | COUNT | RATIO,
         [RECEIVED[0], RECEIVED[1].replace("7.2", "2.1")],

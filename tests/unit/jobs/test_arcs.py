@@ -131,11 +131,7 @@ def test_hours_count_from_the_start_of_the_study(study, tracked):
 
 
 @pytest.mark.parametrize(
-    ("hours", "words"),
-    [
-        ([], "no arc to fit"),
-        ([-3.0], "hours: expected a number above zero"),
-    ],
+    ("hours", "words"), [([], "no arc to fit"), ([-3.0], "hours: expected a number above zero")]
 )
 def test_lengths_that_are_none(study, tracked, hours, words):
     with pytest.raises(InputError, match=words):

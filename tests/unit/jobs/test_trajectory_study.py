@@ -87,12 +87,7 @@ def test_a_bias_is_found_along_a_trajectory(folder):
     ("target", "estimate", "extra", "message"),
     [
         ('trajectory = "orbiter.bsp"', 'position = "none"', "", r"\[target\] body: is missing"),
-        (
-            'trajectory = "orbiter.bsp"\nbody = -85',
-            "",
-            "",
-            r"toml: \[estimate\] position: expected .none.",
-        ),
+        ('trajectory = "orbiter.bsp"\nbody = -85', "", "", r"toml: \[estimate\] position: expected .none."),
     ],
 )
 def test_what_does_not_go_with_a_trajectory(folder, target, estimate, extra, message):

@@ -50,11 +50,7 @@ SOUND = {"trials": np.array([3]), "values": np.zeros((1, 2, 2)), "columns": np.a
 
 
 @pytest.mark.parametrize(
-    "values",
-    [
-        npy_header("(10**15, 2, 2)", "<f8"),
-        npy_header("(1, 2, 2)", "|O") + bytes(100),
-    ],
+    "values", [npy_header("(10**15, 2, 2)", "<f8"), npy_header("(1, 2, 2)", "|O") + bytes(100)]
 )
 def test_a_header_that_promises_more_than_the_file_allocates_nothing(files, tmp_path, values):
     path = tmp_path / "parts" / "linear-000003-000003.npz"

@@ -74,10 +74,7 @@ def test_kernels_are_listed_and_added_from_the_command_line(folder, de430, capsy
 
 @pytest.mark.parametrize(
     ("name", "content", "words"),
-    [
-        ("none.bsp", None, "expected a kernel file"),
-        ("text.bsp", b"hello", "not a SPICE binary kernel"),
-    ],
+    [("none.bsp", None, "expected a kernel file"), ("text.bsp", b"hello", "not a SPICE binary kernel")],
 )
 def test_what_is_no_kernel_is_not_added(folder, name, content, words):
     if content is not None:

@@ -93,11 +93,7 @@ def test_another_value_a_microsecond_later_is_an_error():
         series(np.arange(50.0), value_m=300.0, kind="doppler", tag="receive", count_s=1.0),
         series(1e-5 * np.arange(9), value_m=1e-3, kind="doppler", tag="receive", count_s=1e-5),
         series(
-            np.repeat(ODD_S, 2),
-            value_m=300.0,
-            kind="doppler",
-            tag="receive",
-            count_s=np.tile([1, 60], 20),
+            np.repeat(ODD_S, 2), value_m=300.0, kind="doppler", tag="receive", count_s=np.tile([1, 60], 20)
         ),
     ],
     ids=["1 Hz", "1 kHz", "links", "wavelengths", "values", "counts", "short counts", "intervals"],
@@ -232,10 +228,7 @@ RATE = {
         ({"tag": "transmit"}, "receive for vlbi_delay_rate"),
         ({"links": [Link("SESHAN25", "lander", "URUMQI")]}, "station1<target>station2"),
         ({"value_m": 60001.0}, "1000 m in a second"),
-        (
-            {"kind": "vlbi_delay", "value_m": -1.29e7, "count_s": np.nan},
-            "below the Earth",
-        ),
+        ({"kind": "vlbi_delay", "value_m": -1.29e7, "count_s": np.nan}, "below the Earth"),
     ],
 )
 def test_limits_of_delay_rates(changes, words):

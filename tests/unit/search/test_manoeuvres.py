@@ -91,10 +91,7 @@ def test_orbit_without_manoeuvres_has_no_detection(model):
             replace(FORCES, accelerations=(Acceleration("thrust", stop=EPOCH.shifted(-900.0)),)),
             "thrust acts before the arc",
         ),
-        (
-            replace(FORCES, impulses=(burn(0.0, (0.0, 0.5, 0.1)),)),
-            "impulse burn",
-        ),
+        (replace(FORCES, impulses=(burn(0.0, (0.0, 0.5, 0.1)),)), "impulse burn"),
     ],
 )
 def test_manoeuvres_outside_the_arc_are_refused(model, forces, message):

@@ -118,10 +118,7 @@ def test_streams_are_reproducible_between_versions():
 
 @pytest.mark.parametrize(
     ("fields", "words"),
-    [
-        ({"white_m": -1.0}, "white_m: .* -1.0"),
-        ({"coloured_m": 1.0}, "needs correlation_s"),
-    ],
+    [({"white_m": -1.0}, "white_m: .* -1.0"), ({"coloured_m": 1.0}, "needs correlation_s")],
 )
 def test_invalid_noise_is_refused(fields, words):
     with pytest.raises(InputError, match=words):

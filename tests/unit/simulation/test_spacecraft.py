@@ -9,11 +9,7 @@ import radioloc
 from radioloc.ephemeris import Trajectory
 from radioloc.measurements.exact_predictor import ExactPredictor
 from radioloc.measurements.predictor import reasons
-from radioloc.simulation import (
-    Masks,
-    elevations,
-    windows,
-)
+from radioloc.simulation import Masks, elevations, windows
 from radioloc.time import tai_to_tt
 
 HOURS = ("2020-12-02T13:00:00", "2020-12-03T00:00:00")

@@ -3,13 +3,7 @@
 from radioloc.cli import JSON, STUDY, command, finish, output_folder
 
 
-@command(
-    "largest",
-    STUDY,
-    JSON,
-    *output_folder(),
-    examples=("study.toml --out results",),
-)
+@command("largest", STUDY, JSON, *output_folder(), examples=("study.toml --out results",))
 def largest(options):
     """Print the largest residual of each path."""
     import radioloc

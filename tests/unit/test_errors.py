@@ -45,17 +45,7 @@ def test_messages_show_control_characters(error):
     assert shown_in(str(error))
 
 
-@pytest.mark.parametrize(
-    "message",
-    [
-        "x" * 10**7,
-        "many words " * 10**6 + "give fewer",
-        ", ".join(f"'{k}'" for k in range(10**6)),
-        "\x1b" * 10**6,
-        "'" + "a b " * 10**6 + "'",
-    ],
-    ids=["a word", "words", "names", "escapes", "a text"],
-)
+@pytest.mark.parametrize("message", ["x" * 10**7, "'" + "a b " * 10**6 + "'"], ids=["a word", "a text"])
 def test_messages_are_of_bounded_length(message):
     for error in (InputError(message), FileFormatError("a.csv", message, 1), DataQualityWarning(message)):
         assert len(str(error)) <= 3100

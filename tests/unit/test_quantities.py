@@ -10,13 +10,11 @@ import radioloc
 from radioloc.earth import EarthOrientation, StationCatalogue
 from radioloc.ephemeris import Ephemeris, LunarOrientation
 from radioloc.errors import InputError
-from radioloc.io import TdmAgreement
 from radioloc.lunar import LunarPosition, rot_icrf_to_iau_moon
 from radioloc.lunar.frames import hidden_by_moon
-from radioloc.measurements import EquipmentDelays, StationDelay
 from radioloc.media import UniformTec
-from radioloc.simulation import Masks, Noise, Session, Truth, elevations, two_way, windows
-from radioloc.study import EstimateChoice, HeightPrior, ObservationChoice, PlaceOnMap
+from radioloc.simulation import Masks, Session, elevations, two_way, windows
+from radioloc.study import EstimateChoice, ObservationChoice, PlaceOnMap
 from radioloc.time import (
     epochs_from_strings,
     geocentric_tdb_minus_tt,
@@ -61,10 +59,6 @@ START = Time("2020-12-01T15:11:00", scale="utc")
             lambda: Session(**SESSION | {"start_utc": "2020-12-01T15:11:00.000000000"}),
         ),
         (
-            lambda: Noise(white_m=14 * u.dm, coloured_m=0.5 * u.m, correlation_s=2 * u.h),
-            lambda: Noise(white_m=1.4, coloured_m=0.5, correlation_s=7200.0),
-        ),
-        (
             lambda: Masks(np.pi / 18 * u.rad, by_station_deg={"KASHI": 300 * u.arcmin}),
             lambda: Masks(10.0, by_station_deg={"KASHI": 5.0}),
         ),
@@ -78,8 +72,6 @@ START = Time("2020-12-01T15:11:00", scale="utc")
                 clock_sigma_s={"KASHI": 3e-6, "JIAMUSI": 5e-6}, ephemeris_sigma_m=1.0, pass_gap_h=24.0,
             ),
         ),
-        (lambda: HeightPrior(-2.5 * u.km, 20 * u.m), lambda: HeightPrior(-2500.0, 20.0)),
-        (lambda: Truth(clock_epoch_utc=START.tai), lambda: Truth(clock_epoch_utc="2020-12-01T15:11:00.000000000")),
         (
             lambda: PlaceOnMap(
                 longitude_deg=1 * u.rad, latitude_deg=0.5, sigma_m=0.01 * u.km, map="m",
@@ -90,14 +82,6 @@ START = Time("2020-12-01T15:11:00", scale="utc")
                 longitude_deg=np.degrees(1.0), latitude_deg=0.5, sigma_m=10.0, map="m", map_sigma_m=(20.0, 30.0),
                 known_deg_m=(1.0 * u.rad, 0.5 * u.deg, 1 * u.km),
             ),
-        ),
-        (
-            lambda: TdmAgreement({"range": 2 * u.cm}, range_unit_s=2500 * u.ms),
-            lambda: TdmAgreement({"range": 0.02}, range_unit_s=2.5),
-        ),
-        (
-            lambda: EquipmentDelays(2 * u.us, {"KASHI": StationDelay(transmit_s=300 * u.ns)}),
-            lambda: EquipmentDelays(2e-6, {"KASHI": StationDelay(transmit_s=3e-7)}),
         ),
     ],
 )  # fmt: skip

@@ -153,10 +153,7 @@ class Command:
 
 
 def command(
-    name: str,
-    *arguments: Argument,
-    examples: tuple[str, ...] = (),
-    help_tables: Callable[[], Rows] = dict,
+    name: str, *arguments: Argument, examples: tuple[str, ...] = (), help_tables: Callable[[], Rows] = dict
 ) -> Callable[[Callable[[argparse.Namespace], int]], Command]:
     """Return a decorator that makes a :class:`Command` of the function that runs it, whose docstring is the summary.
 

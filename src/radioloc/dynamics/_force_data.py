@@ -2,10 +2,7 @@
 
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
-from radioloc.vectors import Floats
+from radioloc.vectors import Floats, Mask
 
 PARTS = (
     *("central", "harmonics", "tides", "earth", "sun", "venus", "jupiter", "saturn"),
@@ -37,7 +34,7 @@ class ForceData(NamedTuple):
     series: Floats
     gradient_series: Floats
     recursion: Floats
-    on: NDArray[np.bool_]  # mask of the computed PARTS
+    on: Mask  # mask of the computed PARTS
     scales: Floats  # factors of PARTS: 1, or k2 and the radiation coefficient
     empirical: Floats  # shape (n, FIRST_COMPONENT + COMPONENT_COUNT)
     phase: Floats  # directions of phase zero and 90 deg of periodic accelerations, shape (2, 3)

@@ -17,7 +17,7 @@ from radioloc.dynamics.forces import Acceleration
 from radioloc.dynamics.gravity_errors import Perturbations
 from radioloc.dynamics.orbit import Orbit
 from radioloc.time import Epochs
-from radioloc.vectors import Floats, rtn_axes
+from radioloc.vectors import Floats, Indices, rtn_axes
 
 Chains = tuple[Floats, Floats]
 """Values by interval, after the epoch and before it; both numbered from the epoch."""
@@ -50,7 +50,7 @@ class StochasticEffects:
         # Effects of one sigma on the state mapped to the epoch, shape (K, 6, 3), by interval after and before it.
         self.moved = (np.diff(edges[0], axis=0), np.diff(edges[1], axis=0))
 
-    def intervals(self, tdb: Epochs) -> tuple[NDArray[np.intp], NDArray[np.intp], Floats]:
+    def intervals(self, tdb: Epochs) -> tuple[Indices, Indices, Floats]:
         """Return chain (0 after, 1 before the epoch), step and effect of the interval of each epoch, (n, 6, 3)."""
         times_s = tdb.seconds_since(self.orbit.epoch)
         chain = (times_s < 0.0).astype(np.intp)
@@ -76,7 +76,7 @@ class StochasticEffects:
         return np.concatenate([transition, out.reshape(len(step), 6, -1)], axis=2)
 
 
-def colours(chain: NDArray[np.intp], step: NDArray[np.intp]) -> NDArray[np.intp]:
+def colours(chain: Indices, step: Indices) -> Indices:
     """Return the index of the group of columns of an interval, 0 to 2."""
     return np.where(chain == 0, step, -1 - step) % COLOURS
 
@@ -103,7 +103,7 @@ class StochasticAccelerations:
     # next interval (far). Across the epoch d is zero, near is the interval after it, far the interval before it.
 
     chain: NDArray[np.int8]  # AFTER, BEFORE or ACROSS, shape (n,)
-    step: NDArray[np.intp]  # interval in its chain, shape (n,)
+    step: Indices  # interval in its chain, shape (n,)
     by_state: Floats  # partials with respect to the state at the epoch, m and m/m/s, shape (n, 6)
     near: Floats  # partials with respect to u, shape (n, s)
     far: Floats

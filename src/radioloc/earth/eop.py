@@ -36,7 +36,7 @@ from radioloc.quantities import EpochsLike, accepts_quantities
 from radioloc.text_files import read_blocks
 from radioloc.time import Epochs, utc_to_tt
 from radioloc.units import in_unit, set_fields
-from radioloc.vectors import Floats
+from radioloc.vectors import Floats, Indices, Mask
 
 _MJD_1972 = 41317.0
 _BEYOND = 'or, for planning, set [model] eop_beyond = "hold" or "extrapolate"'
@@ -60,7 +60,7 @@ class EopValues:
     yp_rate_rad_s: Floats
     dx_rate_rad_s: Floats
     dy_rate_rad_s: Floats
-    predicted: NDArray[np.bool_]  # whether any of the daily values used is a prediction
+    predicted: Mask  # whether any of the daily values used is a prediction
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -79,7 +79,7 @@ class EopTable:
     ut1_minus_utc_s: Floats  #: with its leap steps
     dx_rad: Floats  #: celestial pole offsets from IAU 2006/2000A; NaN where not given
     dy_rad: Floats
-    predicted: NDArray[np.bool_]  #: whether any value of the day is a prediction
+    predicted: Mask  #: whether any value of the day is a prediction
     sources: tuple[str, ...] = ()  #: where the values come from, for the record of a result
     beyond: tuple[str, float] | None = None  #: how days after one (MJD UTC) were added (eop_prediction)
     _nodes_tt: Epochs = field(init=False)
@@ -273,7 +273,7 @@ class _Rows(NamedTuple):
     path: Path
     layout: _Layout
     columns: NDArray[Any]
-    lines: NDArray[np.intp]
+    lines: Indices
 
     @classmethod
     def read(cls, path: Path) -> _Rows:

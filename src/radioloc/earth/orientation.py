@@ -17,7 +17,6 @@ from dataclasses import KW_ONLY, dataclass
 
 import erfa
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.constants import SECONDS_PER_DAY
 from radioloc.earth.eop import EopTable
@@ -26,7 +25,7 @@ from radioloc.errors import PredictedEopWarning
 from radioloc.quantities import EpochsLike, accepts_quantities
 from radioloc.time import Epochs
 from radioloc.time.smooth import table_of, tabulated
-from radioloc.vectors import Floats, cross_matrices
+from radioloc.vectors import Floats, Mask, cross_matrices
 
 _ERA_AT_J2000_TURNS = 0.7790572732640
 _ERA_EXCESS_TURNS_PER_DAY = 0.00273781191135448
@@ -48,7 +47,7 @@ class EarthRotation:
     yp_rad: Floats
     xp_table_rad: Floats  # the tables' pole alone, as the pole tide takes it
     yp_table_rad: Floats
-    predicted: NDArray[np.bool_]  # whether any of the daily values used is a prediction
+    predicted: Mask  # whether any of the daily values used is a prediction
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -117,7 +116,7 @@ class EarthOrientation:
         return EarthRotation(rotation, rate, ut1, xp_rad, yp_rad, eop.xp_rad, eop.yp_rad, eop.predicted)
 
     @accepts_quantities
-    def warn_of_predictions(self, tt: EpochsLike, predicted: NDArray[np.bool_]) -> None:
+    def warn_of_predictions(self, tt: EpochsLike, predicted: Mask) -> None:
         """Give the :class:`PredictedEopWarning` if any epochs rest on predictions that were not asked for."""
         if predicted.any() and self.table.beyond is None:
             days = np.sort(tt[predicted].day_strings())

@@ -23,7 +23,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.estimation.least_squares import FitResult
 from radioloc.estimation.linearization import gram, times
@@ -31,7 +30,7 @@ from radioloc.lunar.local import EAST_NORTH_UP
 from radioloc.noise.whitening import RowsOf, TransposableWhitener, slices
 from radioloc.parameters.parameter import Parameter, ParameterSet, Role
 from radioloc.parameters.registry import PARAMETERS
-from radioloc.vectors import Floats
+from radioloc.vectors import Floats, Mask
 
 NOISE, A_PRIORI, EPHEMERIS = "measurement noise", "a priori", "ephemeris"
 """Sources of error other than consider parameters."""
@@ -168,9 +167,7 @@ def consider_sensitivity(fit: FitResult, effects_m: RowsOf, count: int) -> Float
     return sensitivity_matrix
 
 
-def principal_errors(
-    effects: Floats, sigma_m: Floats, unit_partials: Floats, usable: NDArray[np.bool_]
-) -> Floats:
+def principal_errors(effects: Floats, sigma_m: Floats, unit_partials: Floats, usable: Mask) -> Floats:
     """Replace independent errors of unit variance by fewer, from effects (n, c) to effects (n, r), m.
 
     The errors kept are the principal axes with a significant effect on the residuals or on the estimate, whose partials

@@ -37,11 +37,11 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from radioloc.estimation.linearization import gram
 from radioloc.noise.processes import recursions, transitions
-from radioloc.vectors import Floats
+from radioloc.vectors import Floats, Indices, Mask
 
 RATIOS = np.logspace(-5.0, 3.0, 33)  # c / w that are tried
 _TAU_STEP_DECADES = 0.25  # from one correlation time that is tried to the next
@@ -84,8 +84,8 @@ class Points:
     """Series whose noise is sought, s of them with n points one after another."""
 
     series: tuple[Series, ...]
-    begin: NDArray[np.intp]  # (s + 1,), first point of each, and n
-    count: NDArray[np.intp]  # (s,), observations of each
+    begin: Indices  # (s + 1,), first point of each, and n
+    count: Indices  # (s,), observations of each
     squares: Floats  # (s,), sum of squares of the whitened residuals of all observations
     width_s: Floats  # (s,), duration of the bins, s; zero where points are single observations
     step_s: Floats  # (n,), time since the point before of the same series, s
@@ -157,7 +157,7 @@ NO_NOISE = SeriesNoise(0.0, np.zeros(0), np.zeros(0), is_significant=False)
 
 def half_products(
     noise: Sequence[SeriesNoise],
-    begin: NDArray[np.intp],
+    begin: Indices,
     step_s: Floats,
     gain: Floats,
     columns: Floats,
@@ -271,7 +271,7 @@ class RestrictedLikelihood:
 
     @classmethod
     def from_points(
-        cls, points: Points, series_indices: NDArray[np.intp], sigmas: float | Floats, *, jointly: bool = True
+        cls, points: Points, series_indices: Indices, sigmas: float | Floats, *, jointly: bool = True
     ) -> RestrictedLikelihood:
         """Likelihood of some series; parameters have sigmas (q,), combinations without effect are left out."""
         of_series = [points.series_slice(k) for k in series_indices.tolist()]
@@ -305,11 +305,11 @@ class RestrictedLikelihood:
         return cls(points, tuple(data), jointly)
 
     @property
-    def indices(self) -> NDArray[np.intp]:
+    def indices(self) -> Indices:
         """Indices of the series."""
         return np.array([item.number for item in self.data], dtype=np.intp)
 
-    def select(self, mask: NDArray[np.bool_]) -> RestrictedLikelihood:
+    def select(self, mask: Mask) -> RestrictedLikelihood:
         """Likelihood of some of these series."""
         return replace(self, data=tuple(itertools.compress(self.data, mask)))
 
@@ -484,7 +484,7 @@ class _Cells:
         }
 
 
-def _observations_per(tau_s: float, points: Points, indices: NDArray[np.intp]) -> float:
+def _observations_per(tau_s: float, points: Points, indices: Indices) -> float:
     """Mean number of observations of some series in a time, gaps included."""
     spans_s = [float(points.step_s[points.series_slice(k)].sum()) for k in indices]
     return float(points.count[indices].sum()) * tau_s / sum(spans_s)
@@ -559,7 +559,7 @@ def _fitted(likelihood: RestrictedLikelihood, threshold: float) -> dict[int, Ser
     return cells.mean_noise(likelihood, joint, white, is_significant=True)
 
 
-def _flicker_shape(points: Points, indices: NDArray[np.intp], least_s: float) -> tuple[Floats, Floats]:
+def _flicker_shape(points: Points, indices: Indices, least_s: float) -> tuple[Floats, Floats]:
     """Correlation times, up to the longest span, and shares of processes that add up to flicker noise, both (1, p)."""
     span_s = _MAX_FLICKER_SPANS * max(float(points.step_s[points.series_slice(k)].sum()) for k in indices)
     p = math.ceil(math.log10(max(span_s / least_s, 10.0)) / _FLICKER_STEP_DECADES) + 1
@@ -567,7 +567,7 @@ def _flicker_shape(points: Points, indices: NDArray[np.intp], least_s: float) ->
     return tau_s[None], np.full((1, p), 1.0 / p)
 
 
-def _trial_taus_s(points: Points, indices: NDArray[np.intp]) -> Floats:
+def _trial_taus_s(points: Points, indices: Indices) -> Floats:
     """Correlation times that are tried for a group, s, from a step to half the longest span."""
     steps_s = [points.step_s[points.series_slice(k)] for k in indices]
     least_s = min(

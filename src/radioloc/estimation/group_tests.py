@@ -21,7 +21,6 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.estimation.consider import UnestimatedErrors
 from radioloc.estimation.gauss_markov import Points, SeriesNoise, noise_of_series
@@ -30,7 +29,7 @@ from radioloc.estimation.linearization import gram, times
 from radioloc.estimation.series import SeriesOrder, independent_series, link_contributions, points_of
 from radioloc.estimation.time_correlation import ABSORBED_SIGMAS, mixed_units
 from radioloc.noise.whitening import Rows, column
-from radioloc.vectors import Floats
+from radioloc.vectors import Floats, Indices
 
 if TYPE_CHECKING:  # which takes time to import
     from scipy.sparse import csc_array
@@ -65,8 +64,8 @@ class BinnedProblem:
     # of links to points are m rows.
     points: Points
     prior: Floats  # (k, 1 + c), residual and partials of the a-priori values over their sigmas
-    place: NDArray[np.intp]  # (m,), index of the point
-    code: NDArray[np.intp]  # (m,), index of the series of single observations
+    place: Indices  # (m,), index of the point
+    code: Indices  # (m,), index of the series of single observations
     values: Floats  # (m, 1 + q), constant of the link, and partials with respect to the estimated parameters
     candidates: Floats  # (m, h), change by one sigma of parameters that the fit holds at zero
     roots: tuple[Floats, ...]  # L of each series of points, V^-1 = L^T L
@@ -186,7 +185,7 @@ class BinnedProblem:
         indices, place, sign = self._rows_of(links, span_s)
         return self.sparse(place, sign[:, None] * self.values[indices, :1])
 
-    def sparse(self, rows: NDArray[np.intp], values: Floats) -> csc_array:
+    def sparse(self, rows: Indices, values: Floats) -> csc_array:
         """Columns (n + k, w) with values (m, w) in some rows (m,); those of one row are added."""
         from scipy.sparse import csc_array
 
@@ -240,7 +239,7 @@ class BinnedProblem:
 
     def _rows_of(
         self, links: Mapping[int, float], span_s: tuple[float, float] = (-np.inf, np.inf)
-    ) -> tuple[NDArray[np.intp], NDArray[np.intp], Floats]:
+    ) -> tuple[Indices, Indices, Floats]:
         signs = np.full(int(self.code.max()) + 1, np.nan)
         signs[list(links)] = list(links.values())
         indices = np.flatnonzero(~np.isnan(signs[self.code]))
@@ -359,9 +358,7 @@ class ScoreProducts:
     size: Floats  # (w,), norms of the whitened columns
     gain: Floats  # (c, w)
 
-    def information(
-        self, columns: Sequence[int] | NDArray[np.intp], partners: Sequence[int] | NDArray[np.intp]
-    ) -> Floats:
+    def information(self, columns: Sequence[int] | Indices, partners: Sequence[int] | Indices) -> Floats:
         """Information on coefficients of some columns with that on partners, (k, m)."""
         squares = self.whitened[:, columns].T @ self.whitened[:, partners]
         return np.asarray(squares - self.with_partials[columns] @ self.gain[:, partners])

@@ -14,12 +14,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.dynamics.stochastic import ACROSS, AFTER, BEFORE, Chains, StochasticAccelerations
 from radioloc.noise.covariance import ObservationCovariance
 from radioloc.noise.whitening import RowsOf, Whitener
-from radioloc.vectors import Floats
+from radioloc.vectors import Floats, Indices, Mask
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,12 +36,12 @@ class InformationFilter:
     """Whitener of observations with stochastic accelerations among their noise."""
 
     process: StochasticAccelerations
-    used: NDArray[np.intp]  # rows of the used observations
+    used: Indices  # rows of the used observations
     noise: dict[tuple[int, int], Whitener]  # of the observations of each interval, by chain and step
 
     @classmethod
     def from_observations(
-        cls, process: StochasticAccelerations, noise: ObservationCovariance, used: NDArray[np.bool_]
+        cls, process: StochasticAccelerations, noise: ObservationCovariance, used: Mask
     ) -> InformationFilter:
         """Filter of used observations; those that share errors belong to one interval."""
         intervals = np.unique(np.stack([process.chain[used], process.step[used]]), axis=1).T

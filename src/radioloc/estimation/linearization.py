@@ -17,7 +17,6 @@ from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.dynamics.stochastic import StochasticAccelerations
 from radioloc.errors import InputError, RadiolocError
@@ -25,7 +24,7 @@ from radioloc.estimation.smooth_partials import SmoothPartials
 from radioloc.measurements.predictor import ROWS_AT_ONCE
 from radioloc.noise.whitening import LinkedWhitener, Rows, StructuredWhitener, Whitener
 from radioloc.parameters.parameter import ParameterSet
-from radioloc.vectors import Floats
+from radioloc.vectors import Floats, Indices, Mask
 
 
 class Linearization(Protocol):
@@ -94,7 +93,7 @@ def evaluate_step(residual_function: ResidualFunction, x: Floats, previous: Line
         return DenseLinearization(np.full(n, np.inf), np.full((n, len(x)), np.nan))
 
 
-def check_partials(linearization: Linearization, used: NDArray[np.bool_], parameters: ParameterSet) -> None:
+def check_partials(linearization: Linearization, used: Mask, parameters: ParameterSet) -> None:
     """Raise :class:`InputError` if partials of the used observations are not finite."""
     rows = np.flatnonzero(used)
     for start in range(0, len(rows), ROWS_AT_ONCE):
@@ -104,7 +103,7 @@ def check_partials(linearization: Linearization, used: NDArray[np.bool_], parame
             raise InputError(f"the partials with respect to {name} are not finite at the start")
 
 
-def check_residuals(linearization: Linearization, used: NDArray[np.bool_]) -> None:
+def check_residuals(linearization: Linearization, used: Mask) -> None:
     """Raise :class:`InputError` if a residual of the used observations is not finite."""
     bad = np.flatnonzero(used & ~np.isfinite(linearization.residual_m))
     if len(bad):
@@ -177,7 +176,7 @@ class Factor:
         return np.asarray(inverse) if sigmas < _MAX_SIGMA else None
 
     @cached_property
-    def _decomposition(self) -> tuple[Floats, Floats, Floats, NDArray[np.bool_]]:
+    def _decomposition(self) -> tuple[Floats, Floats, Floats, Mask]:
         """Left vectors (q, q), singular values (q,), right vectors (q, q) and which of them are determined."""
         left_vectors, s, right = np.linalg.svd(self.triangle)
         sizes = np.linalg.norm(right / self.column_norms / self.scales, axis=1)
@@ -192,7 +191,7 @@ class Factor:
         return np.asarray(np.linalg.svd(self.triangle, compute_uv=False), dtype=np.float64)
 
     @property
-    def determined(self) -> NDArray[np.bool_]:
+    def determined(self) -> Mask:
         """Mask of the singular directions that the data and the a-priori rows determine, shape (q,)."""
         return self._decomposition[3] if self._inverse is None else np.ones(len(self.triangle), dtype=bool)
 
@@ -316,7 +315,7 @@ class LinearProblem:
     basis: Floats  # (n, q), partials with respect to the orthonormal coordinates
     from_free: Floats  # (q, q), from changes of the free parameters to coordinates
     to_free: Floats  # (q, q), inverse of `from_free`
-    start_rows: NDArray[np.intp]  # (m,), observations of the robust start
+    start_rows: Indices  # (m,), observations of the robust start
 
     def residual_function(self, residual_m: Floats) -> Callable[[Floats], OrthonormalLinearization]:
         """Residual function of residuals (n,) at the values `x`, m."""

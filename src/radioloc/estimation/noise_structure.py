@@ -25,7 +25,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.estimation.editing import EditedFit
 from radioloc.estimation.least_squares import FitResult
@@ -33,7 +32,7 @@ from radioloc.estimation.series import SeriesOrder
 from radioloc.estimation.statistics import SCALING_PROBABILITY, chi2_quantile
 from radioloc.labels import USED, Labels, distinct
 from radioloc.noise.covariance import ALONE, ObservationCovariance, SharedAtEpoch, White
-from radioloc.vectors import Floats
+from radioloc.vectors import Floats, Indices, Mask
 
 MIN_OBSERVATIONS = 10  # observations that determine a variance: the standard deviation to a quarter
 _BATCHES = 10
@@ -95,12 +94,12 @@ def noise_ratios(differences: Differences, count: int) -> Floats:
 class Differences:
     """Second differences of successive residuals of each series over their sigmas, of the variance of the residuals."""
 
-    code: NDArray[np.intp]  # (m,), index of the series, ascending
+    code: Indices  # (m,), index of the series, ascending
     value: Floats  # (m,)
 
     @classmethod
     def from_residuals(
-        cls, residual_m: Floats, sigma_m: Floats, selected: NDArray[np.bool_], order: SeriesOrder
+        cls, residual_m: Floats, sigma_m: Floats, selected: Mask, order: SeriesOrder
     ) -> Differences:
         """Differences of selected observations; those with long gaps between them are omitted."""
         rows = order.order[selected[order.order]]
@@ -185,9 +184,7 @@ def split(fit: FitResult, order: SeriesOrder, groups: Labels, added_m: Mapping[s
     return None
 
 
-def _candidates(
-    order: SeriesOrder, groups: Labels, codes: NDArray[np.intp]
-) -> Iterator[tuple[str, NDArray[np.bool_]]]:
+def _candidates(order: SeriesOrder, groups: Labels, codes: Indices) -> Iterator[tuple[str, Mask]]:
     """Yield each receiving station and link, with masks of its series and of the other ones, (2, series)."""
     group_of = np.full(len(order.series), -1)
     group_of[order.code] = groups.codes
@@ -245,7 +242,7 @@ def chances_of_noisier(sums: Floats, numbers: Floats, dof: Floats) -> Floats:
     return np.asarray(np.where(is_testable & (ratio > 1.0), chance, 1.0))
 
 
-def _dof(fit: FitResult, members: NDArray[np.bool_]) -> float:
+def _dof(fit: FitResult, members: Mask) -> float:
     """Return the number of used observations of a group less the sum of their leverages."""
     used = fit.used & members
     leverage = sum(
@@ -261,7 +258,7 @@ class _Pattern:
     signs: Floats  # (k, stations)
     residual_m: Floats  # (b, k), less the means of parts of the time
     sigma_m: Floats  # (b, k), of the delays' own errors, in proportion
-    part: NDArray[np.intp]  # (b,)
+    part: Indices  # (b,)
 
     @property
     def dof(self) -> int:
@@ -330,7 +327,7 @@ def noise_with_shared(
     return ObservationCovariance((White(noise_m), *structured, *shared)), sigmas_m
 
 
-def epoch_numbers(time_s: Floats) -> NDArray[np.intp]:
+def epoch_numbers(time_s: Floats) -> Indices:
     """Return the index of the epoch of each time (n,), s, in order of time."""
     order = np.argsort(time_s, kind="stable")
     number = np.empty(len(time_s), dtype=np.intp)
@@ -339,12 +336,7 @@ def epoch_numbers(time_s: Floats) -> NDArray[np.intp]:
 
 
 def _patterns(
-    fit: FitResult,
-    rows: NDArray[np.intp],
-    epoch: NDArray[np.intp],
-    of_code: NDArray[np.intp],
-    signs: Floats,
-    delay_sigma_m: Floats,
+    fit: FitResult, rows: Indices, epoch: Indices, of_code: Indices, signs: Floats, delay_sigma_m: Floats
 ) -> Iterator[_Pattern]:
     """Epochs at which baselines with stations in common are used, by these baselines."""
     used = fit.used[rows]

@@ -17,13 +17,12 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.estimation.least_squares import FitResult
 from radioloc.estimation.linearization import covariance_matrix
 from radioloc.estimation.statistics import finite_or_none
 from radioloc.parameters.parameter import ParameterSet, Role
-from radioloc.vectors import Floats
+from radioloc.vectors import Floats, Mask
 
 WEAK_FACTOR = 100.0
 """Sigma of a weak combination over the median observation sigma: errors of the model, centimetres, become metres."""
@@ -168,7 +167,7 @@ class Observability:
         return "would help: " + ", or ".join(remedies) if remedies else ""
 
 
-def assess_observability(fit: FitResult, counted: NDArray[np.bool_] | None = None) -> Observability:
+def assess_observability(fit: FitResult, counted: Mask | None = None) -> Observability:
     """Find undetermined and weak combinations, common parts and strong correlations of the estimated parameters.
 
     `counted` (n,) marks observations over a count interval, whose sigmas do not compare with those of a position. The

@@ -16,7 +16,6 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.estimation.linearization import (
     DenseLinearization,
@@ -37,7 +36,7 @@ from radioloc.measurements.predictor import ROWS_AT_ONCE
 from radioloc.noise.covariance import ObservationCovariance
 from radioloc.noise.whitening import Rows, RowsOf
 from radioloc.parameters.parameter import ParameterSet
-from radioloc.vectors import Floats
+from radioloc.vectors import Floats, Mask
 
 _MAX_LINEARIZATIONS = 15
 _MAX_REWEIGHTINGS = 100
@@ -62,7 +61,7 @@ def robust_start(
     residual_function: ResidualFunction,
     parameters: ParameterSet,
     sigma_m: Floats,
-    usable: NDArray[np.bool_],
+    usable: Mask,
     linearization: Linearization,
     start: Floats | None = None,
 ) -> tuple[Floats, Linearization]:
@@ -171,11 +170,7 @@ class _RobustSearch:
 
 
 def linear_problem(
-    partials: Floats,
-    parameters: ParameterSet,
-    x: Floats,
-    noise: ObservationCovariance,
-    usable: NDArray[np.bool_],
+    partials: Floats, parameters: ParameterSet, x: Floats, noise: ObservationCovariance, usable: Mask
 ) -> LinearProblem | None:
     """Return the linear problem of partials (n, p) at x; None if the observations do not determine all parameters."""
     dense = DenseLinearization(np.zeros(len(partials)), partials)
@@ -194,7 +189,7 @@ def linear_problem(
 def sample(
     linearization: Linearization,
     sigma_m: Floats,
-    usable: NDArray[np.bool_],
+    usable: Mask,
     parameters: ParameterSet,
     max_rows: int = _MAX_ROWS,
 ) -> Rows:

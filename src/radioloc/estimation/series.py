@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.constants import SECONDS_PER_DAY
 from radioloc.estimation.gauss_markov import Points, Series, SeriesNoise
@@ -22,7 +21,7 @@ from radioloc.noise.covariance import ObservationCovariance
 from radioloc.noise.processes import KalmanFilter, transitions
 from radioloc.noise.whitening import Blocks, Diagonal, Rows, RowsOf, Structure, StructuredWhitener
 from radioloc.time import Epochs
-from radioloc.vectors import Floats
+from radioloc.vectors import Floats, Indices, Mask
 
 MAX_POINTS = 250  # of a series; longer ones are averaged over bins before a noise model is sought
 _MAX_BIN_ROWS = 16  # rows of a bin whose partials are computed: partials are smooth within a bin
@@ -51,8 +50,8 @@ class SeriesOrder:
     types: Labels  # kinds of the n observations
     time_s: Floats  # (n,), when each was made, s from any instant
     series: tuple[LinkSeries, ...]
-    code: NDArray[np.intp]  # (n,), which of the series an observation belongs to
-    order: NDArray[np.intp]  # (n,), rows, sorted by series and time
+    code: Indices  # (n,), which of the series an observation belongs to
+    order: Indices  # (n,), rows, sorted by series and time
 
     @classmethod
     def from_labels(cls, types: Labels, paths: Labels, time_s: Floats) -> SeriesOrder:
@@ -86,17 +85,17 @@ class IndependentSeries:
 
     series: tuple[Series, ...]
     whitener: StructuredWhitener  # of the stated noise
-    number: NDArray[np.intp]  # (N,), series of each combination, in the order of the whitener
+    number: Indices  # (N,), series of each combination, in the order of the whitener
     time_s: Floats  # (N,)
 
     @cached_property
-    def of_each(self) -> list[NDArray[np.intp]]:
+    def of_each(self) -> list[Indices]:
         """Combinations of each series, in order of time."""
         count = np.bincount(self.number, minlength=len(self.series))
         return np.split(np.argsort(self.number, kind="stable"), np.cumsum(count)[:-1])
 
     @cached_property
-    def bins(self) -> tuple[NDArray[np.intp], NDArray[np.intp], Floats]:
+    def bins(self) -> tuple[Indices, Indices, Floats]:
         """Bin of each combination, (N,); first bin of each series, and their count, (s + 1,); durations, s, (s,)."""
         place, begin, width_s = np.empty(len(self.number), dtype=np.intp), [0], []
         for indices in self.of_each:
@@ -165,7 +164,7 @@ class CorrelatedWhitener:
         return self.series.whitener.transposed(np.split(self.weighted(whitened), ends[:-1]))
 
 
-def add_rows(sums: Floats, place: NDArray[np.intp], values: Floats) -> None:
+def add_rows(sums: Floats, place: Indices, values: Floats) -> None:
     """Add values (m, c) to those rows of sums that are their places (m,)."""
     from scipy.sparse import csr_array
 
@@ -197,7 +196,7 @@ def points_of(series: IndependentSeries, rows_of: RowsOf) -> Points:
 
 def link_contributions(
     series: IndependentSeries, order: SeriesOrder, rows_of: RowsOf
-) -> tuple[NDArray[np.intp], NDArray[np.intp], Floats]:
+) -> tuple[Indices, Indices, Floats]:
     """Return contributions of links to points: point and link, (m,), and sums of smooth columns, (m, c)."""
     from scipy.sparse import csr_array
 
@@ -246,9 +245,7 @@ def binned_partials(series: IndependentSeries, rows_of: RowsOf) -> Floats:
     return sums / np.sqrt(np.bincount(place))[:, None]
 
 
-def _binned_parts(
-    series: IndependentSeries,
-) -> Iterator[tuple[Structure, slice, NDArray[np.intp], NDArray[np.intp]]]:
+def _binned_parts(series: IndependentSeries) -> Iterator[tuple[Structure, slice, Indices, Indices]]:
     """Yield the parts of each structure: rows (m, k) and the bins of their combinations (m, k)."""
     start = 0
     for structure in series.whitener.structures:
@@ -258,7 +255,7 @@ def _binned_parts(
             yield structure, part, rows, bin_of.reshape(rows.shape)
 
 
-def _sampled(place: NDArray[np.intp]) -> tuple[NDArray[np.intp], Floats]:
+def _sampled(place: Indices) -> tuple[Indices, Floats]:
     """Choose rows of each run in one bin, evenly, and count the rows that each represents."""
     starts = np.flatnonzero(changed(place))
     count = np.diff(starts, append=len(place))
@@ -270,14 +267,14 @@ def _sampled(place: NDArray[np.intp]) -> tuple[NDArray[np.intp], Floats]:
     return rows, np.repeat(weight, count)[rows]
 
 
-def _roots(structure: Structure, part: slice, chosen: NDArray[np.intp]) -> Floats:
+def _roots(structure: Structure, part: slice, chosen: Indices) -> Floats:
     """Return the maps (m, k, k) of some blocks of a part to independent combinations."""
     if isinstance(structure, Blocks):
         return np.asarray(structure.roots[structure.which[part][chosen]])
     return structure.whiten(part, np.ones((len(structure.rows[part]), 1)))[chosen, :, None]
 
 
-def bins(time_s: Floats, max_count: int) -> tuple[NDArray[np.intp], float]:
+def bins(time_s: Floats, max_count: int) -> tuple[Indices, float]:
     """Bin of each of some times (n,) in order, up to `most`, and their duration, s; gaps take no bin."""
     n = len(time_s)
     if n <= max_count:
@@ -290,9 +287,7 @@ def bins(time_s: Floats, max_count: int) -> tuple[NDArray[np.intp], float]:
     return np.append(0, np.cumsum(np.diff(np.floor(clock_s / width_s)) > 0.0)), width_s
 
 
-def independent_series(
-    order: SeriesOrder, noise: ObservationCovariance, used: NDArray[np.bool_]
-) -> IndependentSeries:
+def independent_series(order: SeriesOrder, noise: ObservationCovariance, used: Mask) -> IndependentSeries:
     """All series of the used observations."""
     structures = noise.whitener(used, order.order).structures
     singles = [structure for structure in structures if not isinstance(structure, Blocks)]
@@ -346,7 +341,7 @@ def _combinations(order: SeriesOrder, blocks: Blocks) -> Iterator[tuple[list[Ser
         yield series, Blocks(blocks.rows[members][:, sort], covariance_index, roots, axes_m)
 
 
-def _stable_principal_axes(axes: Floats, part: NDArray[np.intp]) -> Floats:
+def _stable_principal_axes(axes: Floats, part: Indices) -> Floats:
     """Principal axes (k, k) in columns; those of equal sigma in one part are chosen independently of rounding."""
     # Any rotation of them is as good, but noise is sought along each, so another one gives other sigmas. One after the
     # other takes all that is left in the part of the next observation, so an error of the first is in one of them.

@@ -22,7 +22,7 @@ from radioloc.labels import changed
 from radioloc.measurements.predictor import ROWS_AT_ONCE
 from radioloc.noise.processes import KalmanFilter
 from radioloc.noise.whitening import Blocks, Diagonal, Rows, RowsOf, Structure, StructuredWhitener, column
-from radioloc.vectors import Floats
+from radioloc.vectors import Floats, Mask
 
 _CELL_S = 256.0  # 1.1 degrees of the Earth's rotation, 13 degrees of a low lunar orbit
 _COUNT = 6  # coefficients; the remainder is 1e-9 of the partials along a low lunar orbit
@@ -135,7 +135,7 @@ class SmoothPartials:
                 scale = np.ones(structure.rows.size) if noise is None else noise.scale[part]
                 yield from smooth._independent(structure, scale, residual_m, rows_of)
 
-    def _groups(self, structure: Diagonal | Blocks) -> tuple[Rows, NDArray[np.bool_]]:
+    def _groups(self, structure: Diagonal | Blocks) -> tuple[Rows, Mask]:
         """Numbers of successive blocks of a structure in one cell, (g,), and whether polynomials represent them."""
         members = structure.rows.reshape(len(structure.rows), -1)
         cell = self.cell[members]

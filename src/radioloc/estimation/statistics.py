@@ -18,7 +18,7 @@ from radioloc.quantities import TableForm, as_table
 from radioloc.text_files import finite_or_none
 from radioloc.time import Epochs, utc_strings
 from radioloc.units import set_fields
-from radioloc.vectors import Floats
+from radioloc.vectors import Floats, Indices, Mask
 
 SCALING_PROBABILITY = 0.999
 """The formal covariance is scaled up when the reduced chi-square would exceed its value by chance in fewer than one
@@ -97,7 +97,7 @@ class Residuals:
         return np.asarray(self.statuses[:])
 
     @property
-    def used(self) -> NDArray[np.bool_]:
+    def used(self) -> Mask:
         """Mask of the used observations, shape (n,)."""
         return self.statuses.are(USED)
 
@@ -143,7 +143,7 @@ class Residuals:
         new[1:] |= np.diff(epoch_h) > PASS_GAP_H
         return [self._group(rows, reasons) for rows in np.split(out, np.flatnonzero(new)[1:]) if len(rows)]
 
-    def _group(self, rows: NDArray[np.intp], reasons: Labels) -> dict[str, Any]:
+    def _group(self, rows: Indices, reasons: Labels) -> dict[str, Any]:
         """Return rejected observations of one link, reason and pass for JSON."""
         size = np.abs(self.residual_m[rows] / self.sigma_m[rows])
         largest = rows[np.argsort(-size, kind="stable")[:_MAX_EXAMPLES]]

@@ -27,7 +27,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.estimation.editing import EditedFit
 from radioloc.estimation.gauss_markov import (
@@ -60,7 +59,7 @@ from radioloc.estimation.series import (
     points_of,
 )
 from radioloc.noise.whitening import column
-from radioloc.vectors import Floats
+from radioloc.vectors import Floats, Indices
 
 _FREE_SIGMAS = 300.0  # a priori where noise is found jointly: as good as free, and no column is singular
 ABSORBED_SIGMAS = 30.0  # likewise of a series by itself: what the estimate, off by so much, takes is left out
@@ -112,9 +111,7 @@ def assess_time_correlation(
     return TimeCorrelation(tuple(correlations), in_parameter_units(added, fit), noise)
 
 
-def _added(
-    columns: Floats, half: Floats, processes: Sequence[SeriesNoise], lengths: NDArray[np.intp]
-) -> Floats:
+def _added(columns: Floats, half: Floats, processes: Sequence[SeriesNoise], lengths: Indices) -> Floats:
     """Covariance A^T V A of columns by the noise of series, less what independent errors have, (q, q)."""
     explained = np.repeat([process.explained_variance for process in processes], lengths)
     half = gram(columns, half - 0.5 * explained[:, None] * columns)

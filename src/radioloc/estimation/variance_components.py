@@ -27,7 +27,7 @@ from radioloc.noise.covariance import ObservationCovariance, White
 from radioloc.noise.whitening import column
 from radioloc.parameters.parameter import ParameterSet
 from radioloc.quantities import accepts_quantities
-from radioloc.vectors import Floats
+from radioloc.vectors import Floats, Indices, Mask
 
 _MAX_ROUND_COUNT = 60  # the components of a biased station of strong weight settle slowly, within 30
 _MAX_SPLIT_COUNT = 10  # largest number of stations and links with a component of their own
@@ -88,7 +88,7 @@ class _Problem:
     initial_status: Labels
     threshold: float | None
     start: Floats | None
-    series: NDArray[np.intp] | None  # (n,), indices of links
+    series: Indices | None  # (n,), indices of links
 
     def fit_with(self, added_m: Floats, previous: EditedFit | None) -> EditedFit:
         """Fit with components (n,), m, from a previous fit if that converged and its outliers were rejected."""
@@ -176,9 +176,7 @@ def _wanted_m(
     return wanted_m
 
 
-def _squares_of(
-    fit: FitResult, stated: ObservationCovariance, members: NDArray[np.bool_], added_m: float
-) -> float:
+def _squares_of(fit: FitResult, stated: ObservationCovariance, members: Mask, added_m: float) -> float:
     """Sum of squares of some observations with an added error."""
     whitened = stated.plus(White(np.where(members, added_m, 0.0))).whitener(members).whitened
     return sum(float(np.square(part).sum()) for part in whitened(column(fit.residual_m)))

@@ -30,7 +30,6 @@ from pathlib import Path
 from typing import NoReturn
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.constants import SECONDS_PER_DAY
 from radioloc.earth.stations import StationCatalogue, station_name
@@ -40,7 +39,7 @@ from radioloc.measurements.link import REFLECTORS, Link, canonical_target
 from radioloc.measurements.observations import WEATHER_LIMITS, Observations
 from radioloc.measurements.registry import TIME_TAGS
 from radioloc.text_files import read_lines
-from radioloc.vectors import Floats
+from radioloc.vectors import Floats, Mask
 
 _IGNORED_RECORDS = frozenset(
     ["00", "12", "21", "30", "40", "41", "42", "60", "H5"]
@@ -187,7 +186,7 @@ class _Pass:
         days = self.day_of(second)
         since_start_s = days * SECONDS_PER_DAY + second
 
-        def refuse(wrong: NDArray[np.bool_], problem: str, values: Sequence[object]) -> None:
+        def refuse(wrong: Mask, problem: str, values: Sequence[object]) -> None:
             if wrong.any():
                 first = int(np.argmax(wrong))
                 raise FileFormatError(path, f"record 11: {problem.format(values[first])}", int(line[first]))

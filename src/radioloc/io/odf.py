@@ -48,6 +48,7 @@ from radioloc.quantities import accepts_quantities
 from radioloc.text_files import read_bytes
 from radioloc.time import Epochs
 from radioloc.time.dates import utc_from_picoseconds
+from radioloc.vectors import Indices, Mask
 
 RECORD_BYTES = 36
 FORMAT = 2  # of the records of orbit data, the only one since 1997
@@ -257,7 +258,7 @@ def read_odf(
         )
     rows, left_out = np.arange(len(odf.orbit)), []
 
-    def leave_out(wrong: NDArray[np.bool_], reason: str) -> None:
+    def leave_out(wrong: Mask, reason: str) -> None:
         nonlocal rows
         if wrong[rows].any():
             first = odf.orbit_record[rows[np.argmax(wrong[rows])]]
@@ -298,7 +299,7 @@ def read_odf(
     return without_duplicates(observations)
 
 
-def _repeated_channels(orbit: NDArray[np.void], rows: NDArray[np.intp]) -> NDArray[np.bool_]:
+def _repeated_channels(orbit: NDArray[np.void], rows: Indices) -> Mask:
     """Return the mask of Doppler that repeats a record of another channel, but for the frequencies."""
     key = ["time_s", "time_ms", "type", "receiver", "transmitter", "spacecraft", "uplink", "downlink"]
     _, first, group = np.unique(orbit[rows][key], return_index=True, return_inverse=True)
@@ -308,7 +309,7 @@ def _repeated_channels(orbit: NDArray[np.void], rows: NDArray[np.intp]) -> NDArr
     return repeats
 
 
-def _columns(odf: OdfFile, rows: NDArray[np.intp], sigma_m: Mapping[str, float]) -> dict[str, NDArray[Any]]:
+def _columns(odf: OdfFile, rows: Indices, sigma_m: Mapping[str, float]) -> dict[str, NDArray[Any]]:
     """Return values, sigmas and frequencies of some records."""
     orbit = odf.orbit[rows]
     columns = {
@@ -365,9 +366,7 @@ def _columns(odf: OdfFile, rows: NDArray[np.intp], sigma_m: Mapping[str, float])
     return columns
 
 
-def _links(
-    odf: OdfFile, rows: NDArray[np.intp], catalogue: StationCatalogue | None
-) -> tuple[list[Link], NDArray[np.intp]]:
+def _links(odf: OdfFile, rows: Indices, catalogue: StationCatalogue | None) -> tuple[list[Link], Indices]:
     """Return the links of some records, and the index of each record's link."""
     orbit = odf.orbit[rows]
     ends = orbit[["type", "transmitter", "network", "receiver", "spacecraft"]]

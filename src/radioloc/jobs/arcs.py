@@ -7,7 +7,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.errors import InputError
 from radioloc.jobs.locate import logger, solve
@@ -21,8 +20,7 @@ from radioloc.results.subsets import Arc, ArcStudy, LeaveOneOut, Omission
 from radioloc.study.observation_choice import rows_by_station
 from radioloc.study.study import Reference, Study
 from radioloc.study.study_file import as_study
-
-_Mask = NDArray[np.bool_]
+from radioloc.vectors import Mask
 
 
 def arcs(
@@ -132,7 +130,7 @@ def leave_one_out(
     return LeaveOneOut(solution, tuple(omissions))
 
 
-def _groups(predictor: Predictor, study: Study) -> dict[tuple[str, str], _Mask]:
+def _groups(predictor: Predictor, study: Study) -> dict[tuple[str, str], Mask]:
     """Return the masks of the observations of each station, and of each link of a station with several."""
     observations = predictor.observations
     by_station = rows_by_station(observations, study.catalogue)

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.dynamics import AdjustableOrbit, Orbit
@@ -21,8 +20,7 @@ from radioloc.simulation.truth import GRAVITY_ERROR, TrueTarget
 from radioloc.targets.orbit_state import LOCAL_LEVEL, along_across_radial
 from radioloc.targets.target import Target
 from radioloc.time import Epochs, tt_to_tdb, utc_to_tt
-
-_Floats = NDArray[np.float64]
+from radioloc.vectors import Floats
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,7 +56,7 @@ class ComparedTarget:
         return (self.epochs(part).seconds_since(self._true_orbit.epoch) / 3600.0).tolist()
 
     @property
-    def true_motion(self) -> _Floats:
+    def true_motion(self) -> Floats:
         """True position, m, parameters of the orbit with the true state, or those of a registered kind."""
         if self.truth.values is not None:
             return self.truth.values
@@ -70,8 +68,8 @@ class ComparedTarget:
         return values
 
     def errors_m(
-        self, part: ArcPart, solution: Solution, x: _Floats, drawn: _Floats, names: Sequence[str]
-    ) -> tuple[_Floats, _Floats]:
+        self, part: ArcPart, solution: Solution, x: Floats, drawn: Floats, names: Sequence[str]
+    ) -> tuple[Floats, Floats]:
         """Return the errors of a solution, (q, d), and their claimed covariance, (q, d, d).
 
         `x` are the true parameters, `drawn` the drawn errors with their `names`.
@@ -87,7 +85,7 @@ class ComparedTarget:
         covariances = state.covariance_rtn(tdb)[:, LOCAL_LEVEL][:, :, LOCAL_LEVEL]
         return along_across_radial(truth, tdb, difference[..., None])[..., 0] - moved_m, covariances
 
-    def drawn_moves(self, part: ArcPart, names: Sequence[str]) -> _Floats:
+    def drawn_moves(self, part: ArcPart, names: Sequence[str]) -> Floats:
         """Return the changes of the truth by drawn errors, shape (q, d, k)."""
         if not self.compares_states:
             return np.array(
@@ -102,7 +100,7 @@ class ComparedTarget:
     def compared(
         self,
         part: ArcPart,
-        x: _Floats,
+        x: Floats,
         orbits: GravityErrorOrbits,
         names: Sequence[str],
         unadjusted: ParameterSet | None,
@@ -153,7 +151,7 @@ class ComparedTarget:
         assert isinstance(self.truth.trajectory, Orbit)
         return self.truth.trajectory
 
-    def _true_place(self, part: ArcPart, x: _Floats) -> tuple[_Floats, _Floats]:
+    def _true_place(self, part: ArcPart, x: Floats) -> tuple[Floats, Floats]:
         """Return the true position, principal axes, m, and the axes east, north and up at it, as rows."""
         if self.orbit is None:
             return self.truth.position_pa_m, self.truth.enu_pa
@@ -162,7 +160,7 @@ class ComparedTarget:
         return place_m, rot_pa_to_enu(place_m, rot_pa_to_me(model.predictor.model.ephemeris.constants))
 
 
-def true_parameters(problem: EstimationProblem, targets: Sequence[ComparedTarget]) -> _Floats:
+def true_parameters(problem: EstimationProblem, targets: Sequence[ComparedTarget]) -> Floats:
     """Return the parameters of the true positions and states, the others at their a-priori values."""
     model = problem.model
     x = model.parameters.prior_values.copy()

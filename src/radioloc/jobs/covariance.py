@@ -11,7 +11,6 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.dynamics import AdjustableOrbit
 from radioloc.earth.stations import StationCatalogue
@@ -39,8 +38,7 @@ from radioloc.simulation.schedule import Pair
 from radioloc.study.observation_choice import rows_by_station
 from radioloc.study.study import Study
 from radioloc.study.study_file import as_study
-
-_Mask = NDArray[np.bool_]
+from radioloc.vectors import Mask
 
 HOURS = (0.5, 1.0, 2.0, 3.0, 6.0, 12.0, 24.0, 48.0)
 """Default lengths, as far as the plan extends; then days, doubled."""
@@ -131,7 +129,7 @@ class _Plan:
 
     study: Study  # its target is at the true position
     problem: EstimationProblem  # of all observations
-    usable: _Mask
+    usable: Mask
     notes: tuple[str, ...]
     orbits: Mapping[str, AdjustableOrbit] = field(default_factory=dict)  # over the whole plan, by target
     with_gravity_errors: GravityErrorOrbits = field(default_factory=dict)

@@ -9,7 +9,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.estimation.consider import consider_sensitivity
 from radioloc.estimation.editing import EditedFit
@@ -26,8 +25,8 @@ from radioloc.simulation.truth import DrawnErrors
 from radioloc.study.study import EstimateChoice
 from radioloc.targets.doubts import height_doubts
 from radioloc.targets.orbit_state import ALONG_ACROSS_RADIAL
+from radioloc.vectors import Floats, Indices
 
-_Floats = NDArray[np.float64]
 _OF_PRIORS = 1
 """Number of the random sequence of a-priori values, beside those of noise and drawn errors of the same seed."""
 
@@ -50,11 +49,11 @@ class Compared:
     """Comparison of estimates with the truth: q times d numbers from p parameters, k drawn and c considered errors."""
 
     axes: Sequence[str]
-    by_parameters: _Floats  # (q, d, p)
-    by_drawn: _Floats  # (q, d, k), how the truth is moved
-    by_considered: _Floats  # (q, d, c), in addition to the effect through the parameters
-    offset_m: _Floats  # (q, d), truth without drawn errors less where the model was linearized
-    added_m2: _Floats  # (d, d), covariance that is added
+    by_parameters: Floats  # (q, d, p)
+    by_drawn: Floats  # (q, d, k), how the truth is moved
+    by_considered: Floats  # (q, d, c), in addition to the effect through the parameters
+    offset_m: Floats  # (q, d), truth without drawn errors less where the model was linearized
+    added_m2: Floats  # (d, d), covariance that is added
     height_m: float | None = None  # of the true position; of none on an orbit
 
 
@@ -62,21 +61,21 @@ class Compared:
 class LinearArc:
     """Linear model of an arc, m rows."""
 
-    part: NDArray[np.intp]  # of the longest arc
+    part: Indices  # of the longest arc
     problem: LinearProblem  # at the true position, the other parameters at their a-priori values
     parameters: ParameterSet
-    held_m: _Floats  # (m,), their contribution to the computed values
+    held_m: Floats  # (m,), their contribution to the computed values
     compared: tuple[Compared, ...]  # one of each target
     noise: ObservationCovariance  # as stated
     status: Labels  # before the fit
     order: SeriesOrder
     estimate: EstimateChoice
     # (m, c), effects of considered errors that are not in the weights, each of one sigma.
-    unadjusted_m: _Floats
+    unadjusted_m: Floats
     # (3 points,), of a-priori positions that are drawn about the truth.
-    drawn_prior_sigmas: _Floats | None = None
+    drawn_prior_sigmas: Floats | None = None
 
-    def fit(self, residual_m: _Floats, seed: int) -> EditedFit:
+    def fit(self, residual_m: Floats, seed: int) -> EditedFit:
         """Fit to residuals, as a study does, with the a-priori values of a trial's seed."""
         linear, parameters = self.problem.residual_function(residual_m), self.parameters
         if self.drawn_prior_sigmas is not None:
@@ -105,14 +104,14 @@ class LinearTrials:
     """Trials by the linear model; all that a worker needs, and nothing of kernels or tables."""
 
     draws: NoiseDraws
-    rows: NDArray[np.intp]  # (n,), those of the plan that take part
-    constant_m: _Floats  # (n,), observed less computed at the true position, without noise and drawn errors
+    rows: Indices  # (n,), those of the plan that take part
+    constant_m: Floats  # (n,), observed less computed at the true position, without noise and drawn errors
     drawn: DrawnErrors  # of the rows
     arcs: tuple[LinearArc, ...]  # the longest first
     columns: tuple[str, ...]
     errors: dict[str, float]  # of the truth, by parameter
 
-    def run(self, seed: int, trials: Sequence[int]) -> _Floats:
+    def run(self, seed: int, trials: Sequence[int]) -> Floats:
         """Return trials of a seed, shape (trials, arcs, columns); each is the same whatever others are run with it."""
         seeds = [trial_seed(seed, trial) for trial in trials]
         noise_m, _ = self.draws.draw(seeds)
@@ -129,7 +128,7 @@ class LinearTrials:
                 out[k, i] = self._rows(arc, edited, errors)
         return out.reshape(len(seeds), -1, len(self.columns))
 
-    def _rows(self, arc: LinearArc, edited: EditedFit, errors: _Floats) -> list[_Floats]:
+    def _rows(self, arc: LinearArc, edited: EditedFit, errors: Floats) -> list[Floats]:
         fit, count = edited.fit, arc.compared[0].by_parameters.shape[-1]
         covariance = estimated_covariance(edited, arc.order)[0][:count, :count]
         moved = consider_sensitivity(fit, lambda rows: arc.unadjusted_m[rows], arc.unadjusted_m.shape[1])[
@@ -139,7 +138,7 @@ class LinearTrials:
         doubts = list(
             misfits(edited, np.hypot(arc.noise.sigma_m, np.linalg.norm(arc.unadjusted_m, axis=1)), arc.order)
         )
-        results, determined = list[tuple[_Floats, _Floats]](), True
+        results, determined = list[tuple[Floats, Floats]](), True
         for compared in arc.compared:
             by = compared.by_parameters
             moved_m = by @ (x - arc.problem.x[:count])
@@ -175,7 +174,7 @@ def trial_seed(seed: int, trial: int) -> int:
     return sum(int(word) << (32 * k) for k, word in enumerate(words))
 
 
-def drawn_prior_errors(sigmas: _Floats, seed: int) -> _Floats:
+def drawn_prior_errors(sigmas: Floats, seed: int) -> Floats:
     """Draw the errors of the a-priori positions in a trial."""
     return sigmas * np.random.default_rng([seed, _OF_PRIORS]).standard_normal(len(sigmas))
 
@@ -188,14 +187,14 @@ def true_values(fixed: dict[str, float], drawn: dict[str, float]) -> dict[str, f
 def rows_of(
     columns: Sequence[str],
     axes: Sequence[str],
-    errors_m: _Floats,
-    covariances_m2: _Floats,
+    errors_m: Floats,
+    covariances_m2: Floats,
     outcome: tuple[float, float, float],
     noise_scale: float,
     excess_noise_m: Mapping[str, float],
     parameters: Mapping[str, tuple[float, float]],
     true: Mapping[str, float],
-) -> list[_Floats]:
+) -> list[Floats]:
     """Return a row in the order of the columns for each place of comparison; errors (q, d), covariances (q, d, d)."""
     values = {f"excess_noise_m.{kind}": value for kind, value in excess_noise_m.items()}
     for name, (value, sigma) in parameters.items():

@@ -53,6 +53,7 @@ from radioloc.study.study import EstimateChoice, Study
 from radioloc.study.study_file import as_study
 from radioloc.targets.design import ObservationModel
 from radioloc.targets.doubts import FittedObservations
+from radioloc.vectors import Floats, Mask
 
 logger = logging.getLogger(__name__)
 
@@ -160,7 +161,7 @@ class _Fit:
     unadjusted: UnestimatedErrors | None  # considered errors that are not in the weights
 
     @property
-    def x(self) -> NDArray[np.float64]:
+    def x(self) -> Floats:
         """Estimate of all parameters."""
         return self.edited.fit.x
 
@@ -170,7 +171,7 @@ class _Fit:
         return self.model.motions(self.x)
 
     @cached_property
-    def elevation_deg(self) -> NDArray[np.float64]:
+    def elevation_deg(self) -> Floats:
         """Lower of the stations' elevations, deg, shape (n,)."""
         prediction = self.model.predictor.predict(self.motions)
         elevation_deg = np.empty(len(self.problem.predictor.observations))
@@ -360,7 +361,7 @@ def _estimate(
         return replace(edited, reasons=faults), stochastic
 
 
-def _with_points(problem: EstimationProblem, x: NDArray[np.float64], status: Labels) -> NDArray[np.float64]:
+def _with_points(problem: EstimationProblem, x: Floats, status: Labels) -> Floats:
     """Replace the parameters of targets other than orbits by those of a fit without process noise.
 
     The first selection with process noise is at the start. At an a-priori position that is 1.7 km off all observations
@@ -377,7 +378,7 @@ def _with_points(problem: EstimationProblem, x: NDArray[np.float64], status: Lab
     return x
 
 
-def _is_near(model: ObservationModel, previous_x: NDArray[np.float64] | None, x: NDArray[np.float64]) -> bool:
+def _is_near(model: ObservationModel, previous_x: Floats | None, x: Floats) -> bool:
     """Return whether visibility at parameters x is that at previous parameters."""
     if previous_x is None or model.predictor.trajectories:
         return False
@@ -385,9 +386,7 @@ def _is_near(model: ObservationModel, previous_x: NDArray[np.float64] | None, x:
     return bool(np.abs(moved_m).max(initial=0.0) < _MAX_SHIFT_M)
 
 
-def _updated_visibility(
-    model: ObservationModel, x: NDArray[np.float64], status: Labels, used: NDArray[np.bool_]
-) -> Labels:
+def _updated_visibility(model: ObservationModel, x: Floats, status: Labels, used: Mask) -> Labels:
     """Decide at parameters x which observations can be used; return `status` itself if that is the same.
 
     An estimate from which most of the used observations are invisible is ignored; the verdict states it. Otherwise

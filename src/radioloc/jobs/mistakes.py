@@ -18,7 +18,6 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.constants import C_M_S, SECONDS_PER_DAY
 from radioloc.ephemeris import EphemerisConstants
@@ -42,7 +41,7 @@ from radioloc.study.observation_choice import with_turnaround
 from radioloc.study.study import Study
 from radioloc.targets.design import ObservationModel
 from radioloc.time import Epochs, utc_strings, utc_to_tai, utc_to_tt
-from radioloc.vectors import Floats
+from radioloc.vectors import Floats, Indices, Mask
 
 _MAX_SERIES_OBSERVATIONS = 20  # of each link and type; a mistake acts on all of them
 _MAX_SIGMAS = 5.0  # of a residual in the misfit, as in the rejection of outliers
@@ -68,7 +67,7 @@ class Mistake:
     """Hypothesis on a mistake in some of n observations: corrected values, or other participants or time tags."""
 
     name: str  # sentence
-    rows: NDArray[np.bool_]  # (n,)
+    rows: Mask  # (n,)
     value_m: Floats | None = None  # (n,), corrected values
     corrected: Observations | None = None  # predicted in place of the rows
 
@@ -91,7 +90,7 @@ def with_mistake(problem: EstimationProblem, solution: Solution, edited: EditedF
     )
 
 
-def _is_mostly_unused(problem: EstimationProblem, used: NDArray[np.bool_]) -> bool:
+def _is_mostly_unused(problem: EstimationProblem, used: Mask) -> bool:
     """Return whether most of a series is not used: a target that is not seen, or counts of another signal."""
     order = problem.order
     total, count = (np.bincount(order.code, rows, len(order.series)) for rows in (None, used))
@@ -217,9 +216,7 @@ def mistakes(observations: Observations) -> Iterator[Mistake]:
             )
 
 
-def _turnaround_mistakes(
-    observations: Observations, owners: list[tuple[str, NDArray[np.bool_]]]
-) -> Iterator[Mistake]:
+def _turnaround_mistakes(observations: Observations, owners: list[tuple[str, Mask]]) -> Iterator[Mistake]:
     """Yield hypotheses on the turnaround ratio by which Doppler follows from received frequencies."""
     stated = 1e6 * C_M_S / (observations.wavelength_um * observations.uplink_hz)
     is_doppler = (observations.kind == KINDS.index("doppler")) & np.isfinite(stated)
@@ -328,14 +325,14 @@ class _Linear:
 
     residual_m: Floats  # (n,)
     partials: Floats  # (n, p)
-    usable: NDArray[np.bool_]  # (n,)
+    usable: Mask  # (n,)
 
     @classmethod
     def from_model(cls, model: ObservationModel, x: Floats) -> _Linear:
         design, rows = model.linearize(x), np.arange(len(model.predictor.observations))
         return cls(design.residual_m, design.partials(rows), design.prediction.rows(rows).usable)
 
-    def mixed(self, unchanged: _Linear, rows: NDArray[np.bool_]) -> _Linear:
+    def mixed(self, unchanged: _Linear, rows: Mask) -> _Linear:
         """Return the rows of this model in another one, (n,)."""
         return _Linear(
             np.where(rows, self.residual_m, unchanged.residual_m),
@@ -366,7 +363,7 @@ def _robust_step(
     return step, np.where(linear.usable, remaining**2, _MAX_SIGMAS**2)
 
 
-def _passes(observations: Observations, rows: NDArray[np.bool_]) -> Iterator[tuple[str, NDArray[np.bool_]]]:
+def _passes(observations: Observations, rows: Mask) -> Iterator[tuple[str, Mask]]:
     """Yield the interval, in words, and the rows (n,) of each of a few passes of some rows."""
     index = np.flatnonzero(rows)
     index = index[np.argsort(observations.epoch.mjd[index], kind="stable")]
@@ -385,7 +382,7 @@ def _renamed(link: Link, names: Mapping[str, str]) -> Link:
     return replace(link, transmitter=transmitter, receiver=receiver)
 
 
-def _sample(problem: EstimationProblem) -> NDArray[np.intp]:
+def _sample(problem: EstimationProblem) -> Indices:
     """Return evenly spaced observations of each link and type, in order of the table."""
     order = problem.order
     series = np.split(order.order, np.flatnonzero(np.diff(order.code[order.order])) + 1)

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.errors import InputError
 from radioloc.jobs.linear_trials import LinearTrials
@@ -32,10 +31,10 @@ from radioloc.results.monte_carlo import LinearityCheck, MonteCarlo
 from radioloc.simulation.noise import generator, require_seed
 from radioloc.study.study import Study
 from radioloc.study.study_file import as_study
+from radioloc.vectors import Floats
 
 logger = logging.getLogger(__name__)
 
-_Floats = NDArray[np.float64]
 
 _MAX_CHUNK_TRIALS = 25  # that are run together: drawing their noise together is what makes it fast
 _RANDOM_PROOFS = 2
@@ -148,7 +147,7 @@ def monte_carlo(
     return replace(first, others=tuple(others))
 
 
-def _check_linearity(linear: LinearTrials, full: Prepared, seed: int, values: _Floats) -> LinearityCheck:
+def _check_linearity(linear: LinearTrials, full: Prepared, seed: int, values: Floats) -> LinearityCheck:
     """Compare the linear model with full fits where it is most likely to be wrong, and elsewhere.
 
     Without it trials of a model that is not linear are taken as they are (`tests/unit/jobs/test_monte_carlo.py`).

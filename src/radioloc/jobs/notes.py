@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.constants import ARCSEC_RAD
 from radioloc.earth.eop import EopTable
@@ -34,6 +33,7 @@ from radioloc.study.record import plain, study_origin, versions
 from radioloc.study.study import EstimateChoice, Study, TerrainPrior
 from radioloc.targets.design import a_priori_orbits
 from radioloc.time import utc_strings
+from radioloc.vectors import Floats
 
 _EQUATOR_M_S = 465.1  # speed of a station on the Earth's equator
 # part of the squared residuals by motion within intervals of process noise; beyond it sigmas are 1.8 times too small
@@ -256,7 +256,7 @@ def _names(stations: Iterable[Station]) -> str:
     return ", ".join(station.name for station in stations)
 
 
-def _extrapolation_note(table: EopTable, mjd_utc: NDArray[np.float64]) -> Iterator[str]:
+def _extrapolation_note(table: EopTable, mjd_utc: Floats) -> Iterator[str]:
     """Yield the error of Earth orientation that is extrapolated beyond its table."""
     end = float(mjd_utc.max(initial=0.0))
     if table.beyond is not None and end > table.beyond[1]:

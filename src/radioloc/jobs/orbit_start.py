@@ -13,7 +13,6 @@ from dataclasses import dataclass, field
 
 import erfa
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.dynamics import AdjustableOrbit
 from radioloc.errors import RadiolocError
@@ -22,7 +21,7 @@ from radioloc.measurements.predictor import Computed, Predictor
 from radioloc.measurements.target_motion import OrbitMotion
 from radioloc.targets.design import ObservationModel
 from radioloc.time import tt_to_tdb, utc_to_tt
-from radioloc.vectors import Floats
+from radioloc.vectors import Floats, Indices, Mask
 
 _MAX_STEP_COUNT = 8
 _COUNTED_FRACTION = 0.9  # Fraction of the residuals, from the smallest, in the loss
@@ -50,7 +49,7 @@ class OrbitPart:
 
 
 def fitted_state(
-    part: OrbitPart, x: Floats, free: NDArray[np.intp], sigmas: Floats, steps: int = _MAX_STEP_COUNT
+    part: OrbitPart, x: Floats, free: Indices, sigmas: Floats, steps: int = _MAX_STEP_COUNT
 ) -> tuple[Floats, float]:
     """Return parameters after robust steps, each within `sigmas`, and the scale of the residuals in sigmas."""
     sigma_m = part.sigma_m
@@ -126,7 +125,7 @@ class StagedStart:
     predictor: Predictor  # of the coarse orbit
     sigma_m: Floats
     apriori: Floats  # parameters of the orbit: state and forces
-    free: NDArray[np.intp]
+    free: Indices
     step_sigmas: Floats  # of the free parameters
     away_s: Floats  # time of each observation from the epoch; infinite for other targets
     target: int = 0
@@ -156,16 +155,16 @@ class StagedStart:
             problem.motion_columns_of(target),
         )
 
-    def first_reach_s(self, usable: NDArray[np.bool_]) -> float:
+    def first_reach_s(self, usable: Mask) -> float:
         """Return the time from the epoch within which observations are fitted first."""
         ordered_s = np.sort(self.away_s[usable])
         return max(_MIN_REACH_S, float(ordered_s[min(_MIN_OBSERVATIONS, len(ordered_s)) - 1]))
 
-    def rows_within(self, reach_s: float, usable: NDArray[np.bool_]) -> NDArray[np.intp]:
+    def rows_within(self, reach_s: float, usable: Mask) -> Indices:
         """Return the usable observations of a part."""
         return np.flatnonzero(usable & (self.away_s <= reach_s))
 
-    def fitted(self, rows: NDArray[np.intp], x: Floats) -> Floats:
+    def fitted(self, rows: Indices, x: Floats) -> Floats:
         """Return the parameters of the orbit that fit some observations, starting at x."""
         predictor = self.predictor.select(rows)
         orbit: AdjustableOrbit = predictor.motions[self.target].adjustable  # type: ignore[assignment]
@@ -180,7 +179,7 @@ class StagedStart:
         return x
 
 
-def initial_orbit(problem: ObservationModel, sigma_m: Floats, usable: NDArray[np.bool_]) -> Floats | None:
+def initial_orbit(problem: ObservationModel, sigma_m: Floats, usable: Mask) -> Floats | None:
     """Return parameters of an arc's problem near the estimate, or ``None`` if no orbit is estimated."""
     # Without it a fit of 36 hours from 1.9 km and 1.9 m/s off does not converge (tests/unit/jobs/test_orbit_study.py).
     values, is_changed = problem.parameters.prior_values.copy(), False
@@ -194,7 +193,7 @@ def initial_orbit(problem: ObservationModel, sigma_m: Floats, usable: NDArray[np
     return values if is_changed else None
 
 
-def _fit_growing_arcs(start: StagedStart, usable: NDArray[np.bool_]) -> Floats:
+def _fit_growing_arcs(start: StagedStart, usable: Mask) -> Floats:
     """Return the parameters of an orbit from fits of growing parts of an arc."""
     x, reach_s = start.apriori, start.first_reach_s(usable)
     while True:

@@ -347,7 +347,7 @@ def light_times(
 
 def _table(
     model: PhysicalModel, counts: Observations, motion: TargetMotion, kind: str, frequency_hz: float | None
-) -> tuple[Observations, dict[str, NDArray[np.float64]], NDArray[np.str_]]:
+) -> tuple[Observations, dict[str, Floats], NDArray[np.str_]]:
     """Return ranges at the time tags of Doppler, the columns, and reasons why rows are unusable."""
     rows = replace(
         counts, kind=np.full_like(counts.kind, kind_of(kind)), count_s=np.full(len(counts), np.nan)

@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
 from radioloc.errors import InputError
@@ -27,9 +26,7 @@ from radioloc.results.covariance import PlannedArc
 from radioloc.targets.design import DesignMatrix
 from radioloc.targets.orbit_state import ALONG_ACROSS_RADIAL, OrbitState, along_across_radial
 from radioloc.time import Epochs, tt_to_tdb, utc_to_tt
-from radioloc.vectors import Floats
-
-_Mask = NDArray[np.bool_]
+from radioloc.vectors import Floats, Indices, Mask
 
 _MAPPED_STEP_S, _MIN_MAPPED_EPOCHS = 600.0, 13
 """Step and least number of epochs at which the covariance of an orbit is averaged: a dozen in a revolution."""
@@ -47,7 +44,7 @@ class _WithProcess:
         """Residuals, m, shape (n,)."""
         return self.design.residual_m
 
-    def partials(self, rows: NDArray[np.intp]) -> Floats:
+    def partials(self, rows: Indices) -> Floats:
         """d(computed)/d(parameter) of some observations, shape (m, p)."""
         return np.hstack([self.design.partials(rows), self.process.effects_m(rows)])
 
@@ -57,14 +54,14 @@ class PlannedFit:
     """A part of a plan, fitted with some of its observations and without their values."""
 
     part: ArcPart
-    used: _Mask
+    used: Mask
     orbits: GravityErrorOrbits  # with the considered errors of their gravity fields
     parameters: ParameterSet  # of the problem, then those of the process noise
     process: IndependentAccelerations | None = None
     design: DesignMatrix | None = None  # of the model at its a-priori parameters; computed if None
 
     @classmethod
-    def from_arc(cls, part: ArcPart, usable: _Mask, orbits: GravityErrorOrbits) -> PlannedFit:
+    def from_arc(cls, part: ArcPart, usable: Mask, orbits: GravityErrorOrbits) -> PlannedFit:
         """Return the fit with all usable observations of the whole plan, (n,)."""
         problem = part.problem
         parameters, used = problem.model.parameters, usable[part.rows]
@@ -77,7 +74,7 @@ class PlannedFit:
         # Process noise stands for the errors of the gravity field.
         return cls(part, used, {}, ParameterSet([*parameters, *process.parameters]), process)
 
-    def with_observations(self, rows: _Mask) -> PlannedFit:
+    def with_observations(self, rows: Mask) -> PlannedFit:
         """Return the fit with some of its observations only."""
         return replace(self, used=rows & self.used)
 

@@ -45,7 +45,7 @@ from radioloc.study.study_file import as_study
 from radioloc.targets.doubts import MIN_EARTH_ELEVATION_DEG
 from radioloc.time import Epochs, tt_to_tdb, utc_to_tt
 from radioloc.time.smooth import evaluate_smooth
-from radioloc.vectors import Floats
+from radioloc.vectors import Floats, Indices
 
 _EARTH_ELEVATION_MARGIN_DEG = 1.0  # change of the Earth's elevation between two of the epochs six hours apart
 
@@ -84,7 +84,7 @@ def usability(predictor: Predictor, motions: Motions | None = None) -> tuple[Lab
     return Labels(labels, tuple(label_numbers)), codes
 
 
-def _min_deg(elevation_rad: Callable[[Epochs], NDArray[np.float64]], epoch_utc: Epochs) -> float:
+def _min_deg(elevation_rad: Callable[[Epochs], Floats], epoch_utc: Epochs) -> float:
     """Return the lowest elevation of the Earth every six hours, in which it moves half a degree."""
     if not len(epoch_utc):
         return math.inf
@@ -148,7 +148,7 @@ def prepared_arc(
 
 def planned_arc(
     study: Study, planned: Observations, model: PhysicalModel, orbits: Mapping[str, AdjustableOrbit]
-) -> tuple[Predictor, dict[str, int], NDArray[np.intp]]:
+) -> tuple[Predictor, dict[str, int], Indices]:
     """Return :func:`prepared_arc` of the planned observations that a study asks for, and their rows in the plan."""
     if study.observations.doppler_average_s is not None:
         raise InputError(
@@ -180,7 +180,7 @@ def _require_tracked(study: Study, predictor: Predictor) -> None:
             )
 
 
-def known_positions(study: Study, constants: EphemerisConstants) -> list[tuple[str, NDArray[np.float64]]]:
+def known_positions(study: Study, constants: EphemerisConstants) -> list[tuple[str, Floats]]:
     """Return names and positions, principal axes, m, of known places, that of ``[reference]`` first."""
     tables = [] if study.reference is None else [("[reference]", study.reference)]
     tables += [

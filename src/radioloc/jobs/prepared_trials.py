@@ -12,7 +12,6 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.estimation.consider import principal_errors
 from radioloc.estimation.robust import linear_problem
@@ -50,8 +49,7 @@ from radioloc.simulation import World
 from radioloc.simulation.noise import NoiseDraws
 from radioloc.study.study import EstimateChoice, Study
 from radioloc.time import epochs_from_strings
-
-_Floats = NDArray[np.float64]
+from radioloc.vectors import Floats, Indices, Mask
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,7 +58,7 @@ class Prepared:
 
     study: Study
     world: World  # with the errors of the truth, none drawn
-    rows: NDArray[np.intp]  # those of the plan that the study asks for
+    rows: Indices  # those of the plan that the study asks for
     parts: tuple[ArcPart, ...]  # the longest arc first
     targets: tuple[ComparedTarget, ...]  # those with estimated parameters
     columns: tuple[str, ...]
@@ -80,7 +78,7 @@ class Prepared:
         """Lengths of the arcs, h, of each row of a trial: once for each target and epoch of comparison."""
         return tuple(part.hours for part, _, _ in self._cases)
 
-    def results(self, values: _Floats, **fields: Any) -> list[MonteCarlo]:
+    def results(self, values: Floats, **fields: Any) -> list[MonteCarlo]:
         """Return the result of each target from the rows of all trials, shape (trials, rows, columns)."""
         cases, results = self._cases, []
         for k, target in enumerate(self.targets):
@@ -148,13 +146,13 @@ class Prepared:
                 columns.append(f"{name}.error")
         return cls(study, world, rows, tuple(parts), tuple(targets), tuple(columns))
 
-    def run(self, seed: int, trials: Iterable[int]) -> _Floats:
+    def run(self, seed: int, trials: Iterable[int]) -> Floats:
         """Trials with the whole model, as :meth:`LinearTrials.run`: each arc fitted from the a-priori position on."""
         truths = [true_parameters(part.problem, self.targets) for part in self.parts]
         return np.array([self._trial(trial_seed(seed, trial), truths) for trial in trials])
 
-    def _trial(self, seed: int, truths: Sequence[_Floats]) -> list[_Floats]:
-        world, rows = self.world, list[_Floats]()
+    def _trial(self, seed: int, truths: Sequence[Floats]) -> list[Floats]:
+        world, rows = self.world, list[Floats]()
         errors, names = world.drawn.draw(seed), world.drawn.names
         noise_m = world.scenario.noise.draw(world.plan, seed)[0]
         value_m = (world.value_m + errors @ world.drawn.partials + noise_m)[self.rows]
@@ -179,7 +177,7 @@ class Prepared:
                 )
         return rows
 
-    def _drawn_prior_sigmas(self, estimate: EstimateChoice) -> _Floats | None:
+    def _drawn_prior_sigmas(self, estimate: EstimateChoice) -> Floats | None:
         """Return the standard deviations of a-priori positions that are drawn in each trial, those on a map."""
         if not estimate.position_priors:
             return None
@@ -228,9 +226,7 @@ class Prepared:
             errors=self.world.errors,
         )
 
-    def _linear_arc(
-        self, part: ArcPart, usable: NDArray[np.bool_], orbits: GravityErrorOrbits
-    ) -> LinearArc | None:
+    def _linear_arc(self, part: ArcPart, usable: Mask, orbits: GravityErrorOrbits) -> LinearArc | None:
         """Return an arc linearized at the truth; None where its partials are not finite."""
         problem = part.problem
         model, noise, estimate, count = problem.model, problem.noise, problem.choice, problem.reported_count

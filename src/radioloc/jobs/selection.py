@@ -9,7 +9,6 @@ from collections.abc import Collection, Iterable, Mapping
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.earth.stations import StationCatalogue
 from radioloc.errors import InputError, error_context
@@ -19,6 +18,7 @@ from radioloc.measurements.registry import KINDS, is_integrated
 from radioloc.quantities import FloatLike, accepts_quantities
 from radioloc.study.observation_choice import ObservationChoice, link_stations
 from radioloc.time import tai_to_utc, utc_to_tai
+from radioloc.vectors import Floats, Mask
 
 DEFAULT_HOURS = (12.0, 24.0, 48.0)  # Arcs of Wang et al. (2021), table 1.
 
@@ -85,12 +85,12 @@ def selected(
     positions: Collection[str] = (),
     sources: Collection[str] = (),
     name: str | None = None,
-) -> tuple[NDArray[np.bool_], dict[str, int]]:
+) -> tuple[Mask, dict[str, int]]:
     """Return the mask of the selected observations, shape (n,), and the number of others by reason."""
     left_out: dict[str, int] = {}
     is_kept = np.ones(len(observations), dtype=bool)
 
-    def keep(mask: NDArray[np.bool_], reason: str) -> None:
+    def keep(mask: Mask, reason: str) -> None:
         nonlocal is_kept
         count = int((is_kept & ~mask).sum())
         if count:
@@ -116,7 +116,7 @@ def _target_mask(
     positions: Collection[str],
     sources: Collection[str],
     name: str | None,
-) -> NDArray[np.bool_]:
+) -> Mask:
     of_link = [
         {canonical_target(name) for name in link.targets} - set(sources) for link in observations.links
     ]
@@ -151,7 +151,7 @@ def _target_mask(
     return np.array([names <= chosen for names in of_link], dtype=bool)[observations.link]
 
 
-def _type_mask(observations: Observations, types: tuple[str, ...] | None) -> NDArray[np.bool_]:
+def _type_mask(observations: Observations, types: tuple[str, ...] | None) -> Mask:
     if types is None:
         return np.ones(len(observations), dtype=bool)
     if unknown := [name for name in types if name not in KINDS]:
@@ -161,7 +161,7 @@ def _type_mask(observations: Observations, types: tuple[str, ...] | None) -> NDA
 
 def _station_mask(
     observations: Observations, stations: tuple[str, ...] | None, catalogue: StationCatalogue
-) -> NDArray[np.bool_]:
+) -> Mask:
     if stations is None:
         return np.ones(len(observations), dtype=bool)
     with error_context("[observations] stations:"):
@@ -176,9 +176,7 @@ def _station_mask(
     return np.array([names <= chosen for names in ends], dtype=bool)[observations.link]
 
 
-def _within_time(
-    observations: Observations, selected_rows: NDArray[np.bool_], choice: ObservationChoice
-) -> NDArray[np.bool_]:
+def _within_time(observations: Observations, selected_rows: Mask, choice: ObservationChoice) -> Mask:
     mask = np.ones(len(observations), dtype=bool)
     if choice.stop is not None:
         since_stop_s = utc_to_tai(observations.epoch).seconds_since(utc_to_tai(choice.stop))
@@ -193,8 +191,8 @@ def _within_time(
 
 
 def since_start_s(
-    observations: Observations, choice: ObservationChoice, selected_rows: NDArray[np.bool_] | None = None
-) -> NDArray[np.float64]:
+    observations: Observations, choice: ObservationChoice, selected_rows: Mask | None = None
+) -> Floats:
     """Return the time since the study's start, or else since the first observation, of the selected ones, s."""
     epoch = utc_to_tai(observations.epoch)
     if choice.start is not None:

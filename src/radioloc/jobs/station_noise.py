@@ -19,7 +19,6 @@ from dataclasses import replace
 from typing import Protocol, runtime_checkable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.errors import InputError, error_context
 from radioloc.estimation.noise_structure import SAME_EPOCH_S, epoch_numbers
@@ -34,6 +33,7 @@ from radioloc.parameters.rows import networks
 from radioloc.study.observation_choice import ObservationChoice
 from radioloc.study.study import EstimateChoice, Study
 from radioloc.time import Epochs, utc_to_tai
+from radioloc.vectors import Floats, Indices
 
 _CLOCK_RATE_SIGMA = 1e-11
 """Ten times that of an unsteered hydrogen maser; a single scan per source cannot determine a rate."""
@@ -143,9 +143,7 @@ def _phase_noise(predictor: Predictor, choice: ObservationChoice) -> Iterator[Do
     yield DopplerPhase(sigma_m, link, start, start + 1)
 
 
-def _ends_m(
-    predictor: Predictor, key: str, sigma: float | Mapping[str, float], rows: NDArray[np.intp]
-) -> NDArray[np.float64]:
+def _ends_m(predictor: Predictor, key: str, sigma: float | Mapping[str, float], rows: Indices) -> Floats:
     """Error of the first and of the second station of some observations, shape (n, 2)."""
     if not isinstance(sigma, Mapping):
         return np.full((len(rows), 2), sigma)
@@ -155,7 +153,7 @@ def _ends_m(
     return of_station_m[np.stack([predictor.transmitters[rows], predictor.receivers[rows]], axis=-1)]
 
 
-def same_epoch(epoch: Epochs) -> NDArray[np.intp]:
+def same_epoch(epoch: Epochs) -> Indices:
     """Return the number of the epoch of each time tag (UTC) of delays, in order of time, shape (n,)."""
     tai = utc_to_tai(epoch)
     elapsed_s = tai.seconds_since(tai[np.zeros(len(tai), dtype=int)])

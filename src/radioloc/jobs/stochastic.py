@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.dynamics.stochastic import (
     ACROSS,
@@ -31,8 +30,7 @@ from radioloc.study.orbit_choice import ProcessNoise
 from radioloc.targets.design import ObservationModel, effects_on_orbit
 from radioloc.targets.orbit_state import OrbitState, ProcessEstimate
 from radioloc.time import Epochs, tt_to_tdb, utc_to_tt
-
-Floats = NDArray[np.float64]
+from radioloc.vectors import Floats, Indices
 
 _AROUND_S = 5.0
 """Events at the target are within the count interval and so much of the time tag: light takes 1.4 s."""
@@ -144,7 +142,7 @@ class StochasticProblem:
             moved = consider_sensitivity(fit, unadjusted.partials, len(sigmas))[free] * sigmas
             joint = np.block([[joint + moved @ moved.T, -moved], [-moved.T, np.eye(len(sigmas))]])
 
-        def partials(rows: NDArray[np.intp]) -> Floats:
+        def partials(rows: Indices) -> Floats:
             by_free = design.partials(rows)[:, free]
             return by_free if unadjusted is None else np.hstack([by_free, unadjusted.partials(rows) * sigmas])
 
@@ -214,7 +212,7 @@ class IndependentAccelerations:
         names = (f"process_noise.{k + 1}" for k in range(self.values[0].shape[2]))
         return [Parameter(name, "1", "process_noise", 0.0, 1.0, role=Role.CONSIDERED) for name in names]
 
-    def effects_m(self, rows: NDArray[np.intp]) -> Floats:
+    def effects_m(self, rows: Indices) -> Floats:
         """Effects on observations, m, shape (m, w)."""
         process, out = self.process, np.zeros((len(rows), self.values[0].shape[2]))
         by_near, by_far, by_state = process.near[rows], process.far[rows], process.by_state[rows]

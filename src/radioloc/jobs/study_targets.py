@@ -5,9 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-import numpy as np
-from numpy.typing import NDArray
-
 from radioloc.dynamics import AdjustableOrbit
 from radioloc.ephemeris import EphemerisConstants
 from radioloc.errors import error_context
@@ -25,6 +22,7 @@ from radioloc.targets.orbit import GravityErrors, TargetOrbit, orbit_parameters
 from radioloc.targets.position_prior import PositionPrior, with_position_priors
 from radioloc.targets.surface_point import PositionParameters, SurfacePoint, cartesian, on_sphere, on_terrain
 from radioloc.targets.target import Target
+from radioloc.vectors import Floats
 
 
 def build_targets(study: Study, predictor: Predictor, choice: EstimateChoice) -> list[Target]:
@@ -125,11 +123,7 @@ def _prior(choice: EstimateChoice, target: str) -> PositionPrior | None:
 
 
 def _place(
-    model: PhysicalModel,
-    start_pa_m: NDArray[np.float64],
-    choice: EstimateChoice,
-    prior: PositionPrior | None,
-    name: str,
+    model: PhysicalModel, start_pa_m: Floats, choice: EstimateChoice, prior: PositionPrior | None, name: str
 ) -> PositionParameters:
     if choice.position != "geographic":
         role = Role.FIXED if choice.position == "none" else Role.ESTIMATED

@@ -24,6 +24,7 @@ from radioloc.results.registry import RESULTS
 from radioloc.study.record import study_settings, versions
 from radioloc.study.study import Study
 from radioloc.text_files import TEMPORARY_FILES, json_file, locked, replaced_file
+from radioloc.vectors import Floats
 
 
 def run_trials(
@@ -36,7 +37,7 @@ def run_trials(
     max_chunk: int,
     folder: TrialFolder | None,
     bar: dict[str, Any],
-) -> NDArray[np.float64]:
+) -> Floats:
     """Return results of all trials, (trials, arcs, columns); those that the folder keeps already are not run again.
 
     `way` is "linear", "full" or "sites", `bar` has the options of the progress bar.
@@ -81,9 +82,9 @@ class TrialFolder:
             remove_files(self._folder, earlier_files(RESULTS[result]))
         write_json(self._folder / "study.json", self._record)
 
-    def completed(self, way: str) -> dict[int, NDArray[np.float64]]:
+    def completed(self, way: str) -> dict[int, Floats]:
         """Results that are there already, (arcs, columns), by number of the trial; `way` is "linear" or "full"."""
-        out: dict[int, NDArray[np.float64]] = {}
+        out: dict[int, Floats] = {}
         for path in sorted(self._parts.glob(f"{way}-*.npz")):
             try:
                 trials, values = self._read(path)
@@ -95,7 +96,7 @@ class TrialFolder:
             out |= dict(zip(trials.tolist(), values, strict=True))
         return out
 
-    def _read(self, path: Path) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    def _read(self, path: Path) -> tuple[NDArray[np.int64], Floats]:
         """Read numbers of trials and their results."""
         with path.open("rb") as stream, np.load(stream) as archive:
             trials, values, columns = (archive[name] for name in ("trials", "values", "columns"))
@@ -107,7 +108,7 @@ class TrialFolder:
             raise ValueError("numbers of trials are negative or repeated")
         return trials.astype(np.int64), values.astype(np.float64)
 
-    def add(self, way: str, trials: Sequence[int], values: NDArray[np.float64]) -> None:
+    def add(self, way: str, trials: Sequence[int], values: Floats) -> None:
         """Keep results of some trials, (trials, arcs, columns)."""
         path = self._parts / f"{way}-{min(trials):06d}-{max(trials):06d}.npz"
         with replaced_file(path) as temporary, temporary.open("wb") as stream:

@@ -11,7 +11,6 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.earth.stations import Station, StationCatalogue, reordered_coordinates
@@ -31,6 +30,7 @@ from radioloc.noise.whitening import slices
 from radioloc.results.solution import Solution
 from radioloc.study.study import Study
 from radioloc.targets.design import a_priori_orbits
+from radioloc.vectors import Floats, Indices, Mask
 
 MAX_MISFIT_RATIO = 20.0
 """Largest ratio of residuals to stated sigmas that errors of the model explain: 5 for laser ranges with DE421, 10 for
@@ -50,7 +50,7 @@ MAX_START_DISTANCE_M = 1e5
 """Largest distance of an estimate from the a-priori position within which all starts end at one place."""
 
 
-def with_considered(sigma_m: NDArray[np.float64], errors: UnestimatedErrors | None) -> NDArray[np.float64]:
+def with_considered(sigma_m: Floats, errors: UnestimatedErrors | None) -> Floats:
     """Return sigmas (n,) with considered errors outside the weights, which the residuals contain, m."""
     if errors is None:
         return sigma_m
@@ -61,7 +61,7 @@ def with_considered(sigma_m: NDArray[np.float64], errors: UnestimatedErrors | No
     return np.sqrt(variance_m2)
 
 
-def misfits(edited: EditedFit, stated_m: NDArray[np.float64], order: SeriesOrder) -> Iterator[Doubt]:
+def misfits(edited: EditedFit, stated_m: Floats, order: SeriesOrder) -> Iterator[Doubt]:
     """Doubt types with used residuals far beyond their sigmas (n,), and stations with many outliers."""
     fit, types = edited.fit, order.types
     yield from _rejected_stations(edited, order)
@@ -156,9 +156,7 @@ def search_hints(study: Study, solution: Solution, away_m: float) -> Iterator[st
         )
 
 
-def coordinate_doubts(
-    predictor: Predictor, motions: Motions, used: NDArray[np.bool_], fits: bool
-) -> Iterator[str]:
+def coordinate_doubts(predictor: Predictor, motions: Motions, used: Mask, fits: bool) -> Iterator[str]:
     """Yield a warning for each station that fits, or sees the target, only with exchanged axes or signs."""
     # Without it a station with x and y exchanged is only far off (tests/unit/jobs/test_station_doubts.py).
     observations, shipped = predictor.observations, StationCatalogue.default()
@@ -186,11 +184,7 @@ def coordinate_doubts(
 
 
 def _rms_m(
-    predictor: Predictor,
-    motions: Motions,
-    rows: NDArray[np.intp],
-    station: Station,
-    itrf_m: NDArray[np.float64] | None = None,
+    predictor: Predictor, motions: Motions, rows: Indices, station: Station, itrf_m: Floats | None = None
 ) -> float:
     """Return the rms of residuals with other coordinates of a station; infinite without a model or a visible target."""
     stations = [item for item in predictor.model.catalogue if item.name != station.name]

@@ -23,14 +23,12 @@ from pathlib import Path
 from queue import SimpleQueue
 from typing import Any, Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
 from radioloc.errors import InputError, RadiolocError
 from radioloc.lazy import optional
 from radioloc.plugins import registered_names
 from radioloc.study.record import versions
 from radioloc.text_files import scratch_folder
+from radioloc.vectors import Floats
 
 Chunk = Sequence[int]  # Numbers of trials that are run together
 
@@ -48,7 +46,7 @@ _CAN_MASK = hasattr(signal, "pthread_sigmask")
 class Job(Protocol):
     """Object that runs trials."""
 
-    def run(self, seed: int, trials: Sequence[int]) -> NDArray[np.float64]:
+    def run(self, seed: int, trials: Sequence[int]) -> Floats:
         """Return results of trials, (trials, arcs, columns), which do not depend on the other trials or the process."""
 
 
@@ -72,9 +70,7 @@ class Workers:
         size = max(1, min(max_size, -(-len(trials) // shares)))
         return [trials[k : k + size] for k in range(0, len(trials), size)]
 
-    def run(
-        self, job: Job, seed: int, chunks: Sequence[Chunk]
-    ) -> Iterator[tuple[Chunk, NDArray[np.float64]]]:
+    def run(self, job: Job, seed: int, chunks: Sequence[Chunk]) -> Iterator[tuple[Chunk, Floats]]:
         """Run chunks of trials of a seed and yield the results of each, in any order."""
         if self.executor is None:
             yield from ((chunk, job.run(seed, chunk)) for chunk in chunks)
@@ -240,7 +236,7 @@ class _JobOfThread(threading.local):
 _job_of_thread = _JobOfThread()
 
 
-def _run(sent: Path | bytes, seed: int, chunk: Chunk) -> NDArray[np.float64]:
+def _run(sent: Path | bytes, seed: int, chunk: Chunk) -> Floats:
     if _job_of_thread.sent != sent:
         content = sent.read_bytes() if isinstance(sent, Path) else sent
         _job_of_thread.job, _job_of_thread.sent = pickle.loads(content), sent

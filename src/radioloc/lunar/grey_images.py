@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from radioloc.errors import FileFormatError
 from radioloc.lunar.map_files import open_dataset
+from radioloc.vectors import Mask
 
 Image = NDArray[np.uint8]
-Mask = NDArray[np.bool_]
 
 _GDAL_TYPES = {
     "uint8": "Byte", "int8": "Int8", "uint16": "UInt16", "int16": "Int16", "uint32": "UInt32", "int32": "Int32",

@@ -29,7 +29,7 @@ from radioloc.lunar.selenographic import (
 from radioloc.lunar.terrain_source import TerrainMetadata, block_heights_m, heights_m, implausible, open_map
 from radioloc.quantities import FloatLike, accepts_quantities
 from radioloc.units import as_metres
-from radioloc.vectors import Floats
+from radioloc.vectors import Floats, Mask
 
 _MAX_WINDOW_CELLS = 20_000_000  # 160 MB, and twice that while it is read
 _OVERSHOOT = {"bilinear": 1.0, "bicubic": 1.5}  # of slopes, between cells
@@ -228,7 +228,7 @@ class TerrainModel:
             )
         return heights
 
-    def _require(self, on_map: NDArray[np.bool_], longitude: Floats, latitude: Floats) -> None:
+    def _require(self, on_map: Mask, longitude: Floats, latitude: Floats) -> None:
         if not on_map.all():
             raise InputError(
                 f"{_named(longitude, latitude, ~on_map)} is outside {self.metadata.path} or too near its edge for the "
@@ -285,7 +285,7 @@ def _checked(longitude_rad: ArrayLike, latitude_rad: ArrayLike) -> tuple[Floats,
     return longitude, latitude
 
 
-def _named(longitude: Floats, latitude: Floats, selected: NDArray[np.bool_]) -> str:
+def _named(longitude: Floats, latitude: Floats, selected: Mask) -> str:
     """Describe the first of the selected points, in degrees, and count the others."""
     first = int(np.flatnonzero(selected)[0])
     n_others = int(selected.sum()) - 1
@@ -362,7 +362,7 @@ class TerrainWindow:
         beyond_m = 0.125 * (high - low) if self.interpolation == "bicubic" else 0.0
         return low - beyond_m, high + beyond_m
 
-    def heights(self, longitude_rad: Floats, latitude_rad: Floats) -> tuple[Floats, NDArray[np.bool_]]:
+    def heights(self, longitude_rad: Floats, latitude_rad: Floats) -> tuple[Floats, Mask]:
         """Return heights above the sphere of 1737.4 km, m, shape (n,), and whether the window has them."""
         stencil, cells, has_terrain = self._stencil(*self.grid.cells(longitude_rad, latitude_rad))
         return stencil.value(cells), has_terrain
@@ -375,7 +375,7 @@ class TerrainWindow:
         stencil, cells, _ = self._stencil(row, column)
         return stencil.value_and_slopes(cells, by_angle)
 
-    def _stencil(self, row: Floats, column: Floats) -> tuple[Stencil, Floats, NDArray[np.bool_]]:
+    def _stencil(self, row: Floats, column: Floats) -> tuple[Stencil, Floats, Mask]:
         """Cells around points, their heights, shape (n, size, size), and whether all of them are known."""
         rows, columns = self.heights_m.shape
         with np.errstate(invalid="ignore"):

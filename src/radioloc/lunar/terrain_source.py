@@ -18,7 +18,7 @@ from radioloc.constants import LUNAR_HEIGHT_LIMITS_M, MEAN_LUNAR_RADIUS_M
 from radioloc.errors import FileFormatError, InputError
 from radioloc.lunar.map_files import LUNAR_SPHERES_M, SourceFile, label_values, open_dataset, open_map_file
 from radioloc.lunar.map_grid import MapGrid, load_rasterio
-from radioloc.vectors import Floats
+from radioloc.vectors import Floats, Mask
 
 _UNITS_M = {"m": 1.0, "km": 1.0e3}
 _UNIT_NAMES = {
@@ -235,7 +235,7 @@ def _heights_m(values: Floats, unit: str, reference_m: float) -> Floats:
     return values * _UNITS_M[unit] + (reference_m - MEAN_LUNAR_RADIUS_M)
 
 
-def implausible(heights_m: Floats) -> NDArray[np.bool_]:
+def implausible(heights_m: Floats) -> Mask:
     """Return which heights are out of the range of lunar terrain."""
     low_m, high_m = LUNAR_HEIGHT_LIMITS_M
     return (heights_m < low_m) | (heights_m > high_m)

@@ -44,7 +44,7 @@ from radioloc.measurements.registry import is_differenced, is_integrated
 from radioloc.measurements.target_motion import Motions, MotionsLike, partials_of_points, positions_pa_m
 from radioloc.quantities import accepts_quantities
 from radioloc.time import Epochs, utc_to_tt
-from radioloc.vectors import Floats
+from radioloc.vectors import Floats, Indices, Mask
 
 MAX_UNCHECKED_DISTANCE_M = 1e4  # from the position of the last check; larger distances need another check
 _MIN_ROWS_PER_THREAD = 32768  # a millisecond of work, which justifies a thread
@@ -96,7 +96,7 @@ class ChebyshevPredictor(Predictor):
         model.earth.warn_of_predictions(utc_to_tt(observations.epoch), self.predicted_eop)
 
     @property
-    def predicted_eop(self) -> NDArray[np.bool_]:
+    def predicted_eop(self) -> Mask:
         """Mask of observations with predicted Earth orientation, shape (n,)."""
         first = first_nodes(self._degree)
         # All nodes of an accepted segment agree in it.
@@ -229,7 +229,7 @@ class ChebyshevPrediction:
         self,
         segment: NDArray[np.int32],
         x: Floats,
-        degree: NDArray[np.intp],
+        degree: Indices,
         computed: Computed,
         target: NDArray[np.int32],
         count: int,

@@ -12,7 +12,6 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.errors import InputError
 from radioloc.measurements.link import Link
@@ -23,17 +22,17 @@ from radioloc.measurements.registry import KINDS, MEASUREMENTS, Part, kind_of
 from radioloc.measurements.target_motion import Motions, MotionsLike
 from radioloc.media.medium import first_failure
 from radioloc.plugins import entry_errors
-from radioloc.vectors import Floats
+from radioloc.vectors import Floats, Indices, Mask
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Combinations:
     """Consecutive simple observations of each combination."""
 
-    first: NDArray[np.intp]  # start of each combination, and the end of the last, shape (n + 1,)
+    first: Indices  # start of each combination, and the end of the last, shape (n + 1,)
     weight: Floats  # of each simple observation
 
-    def rows(self, index: NDArray[np.intp]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    def rows(self, index: Indices) -> tuple[Indices, Indices]:
         """Return the simple observations of some combinations, shape (k,), and the start of each among them."""
         count = self.first[index + 1] - self.first[index]
         begin = np.cumsum(count) - count
@@ -94,7 +93,7 @@ class CombinedPredictor(Predictor):
         return self.inner
 
     @property
-    def predicted_eop(self) -> NDArray[np.bool_]:
+    def predicted_eop(self) -> Mask:
         """Mask of observations with predicted Earth orientation, shape (n,)."""
         return np.logical_or.reduceat(self.inner.predicted_eop, self.parts.first[:-1])
 
@@ -149,9 +148,7 @@ class CombinedPrediction:
             columns["status"][owner] = first_failure(columns["status"][owner], inner.status[of_part])
         return Computed(**columns)
 
-    def combine(
-        self, rows: NDArray[np.intp], columns: Callable[[NDArray[np.intp], Prediction, Predictor], Floats]
-    ) -> Floats:
+    def combine(self, rows: Indices, columns: Callable[[Indices, Prediction, Predictor], Floats]) -> Floats:
         """Combine the columns that a function returns for rows of the simple predictor, shape (m, ...)."""
         simple, begin = self._parts.rows(np.arange(self._n)[rows])
         combined = columns(simple, self._prediction, self._simple)

@@ -27,7 +27,7 @@ from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.predictor import Computed
 from radioloc.measurements.target_motion import Motions
 from radioloc.time import Epochs, tai_to_utc, utc_to_tai
-from radioloc.vectors import Floats
+from radioloc.vectors import Floats, Indices, Mask
 
 DEGREE_BY_LENGTH_S = ((600.0, 6), (3600.0, 10), (10800.0, 16))  # largest length of segments, and degree
 MAX_GAP_S = 900.0  # the target may have been below the horizon in a longer gap
@@ -63,9 +63,9 @@ _EARTH_ROTATION_RAD_S = 7.3e-5
 class Segments:
     """Segments of series."""
 
-    begin: NDArray[np.intp]  # place of the first observation in the order of the series
-    end: NDArray[np.intp]  # place after the last observation
-    degree: NDArray[np.intp]  # of the polynomial
+    begin: Indices  # place of the first observation in the order of the series
+    end: Indices  # place after the last observation
+    degree: Indices  # of the polynomial
     middle: Epochs  # TAI
     half_s: Floats  # half of the length
 
@@ -101,7 +101,7 @@ class DenseSeries:
 
     def observations_at(
         self, segments: Segments, points: Callable[[int], Floats]
-    ) -> tuple[Observations, NDArray[np.intp]]:
+    ) -> tuple[Observations, Indices]:
         """Return observations of each segment's series at the `points` of its degree, -1 to 1, and their segments."""
         places = [points(degree) for degree in segments.degree.tolist()]
         of_point = np.repeat(np.arange(len(segments)), [len(x) for x in places])
@@ -219,7 +219,7 @@ def _folded(code: NDArray[np.int64], column: NDArray[np.generic]) -> NDArray[np.
     return np.unique(code * len(values) + number, return_inverse=True)[1].astype(np.int64)
 
 
-def _ordered(code: NDArray[np.int64], elapsed_s: Floats) -> NDArray[np.intp]:
+def _ordered(code: NDArray[np.int64], elapsed_s: Floats) -> Indices:
     """Return the order by series and time; equal times keep their order."""
     small = len(code) == 0 or int(code.max()) < 2**16
     # NumPy's stable sort of 16-bit integers is a radix sort.
@@ -258,12 +258,12 @@ def unstacked(quantities: Floats, places: Layout, status: NDArray[np.int8]) -> C
     return Computed(**columns, status=status, by_motion=columns["by_position_pa"])
 
 
-def first_nodes(degree: NDArray[np.intp]) -> NDArray[np.intp]:
+def first_nodes(degree: Indices) -> Indices:
     """Return the row of the first node of each segment, and the row after the last node."""
     return np.concatenate([[0], np.cumsum(degree + 1)])
 
 
-def polynomials(degree: NDArray[np.intp], at_nodes: Floats, places: Layout) -> tuple[Floats, Floats]:
+def polynomials(degree: Indices, at_nodes: Floats, places: Layout) -> tuple[Floats, Floats]:
     """Return coefficients of descending powers and of ascending Chebyshev polynomials, shapes (m, width, n)."""
     size = len(at_nodes)
     middle, series = np.empty((len(degree), size)), np.zeros((len(degree), size, MAX_COEFFICIENTS))
@@ -282,8 +282,8 @@ def polynomials(degree: NDArray[np.intp], at_nodes: Floats, places: Layout) -> t
 
 
 def compare(
-    degree: NDArray[np.intp], nodes: ExactPredictor, checks: ExactPredictor, motions: Motions
-) -> tuple[NDArray[np.bool_], Floats]:
+    degree: Indices, nodes: ExactPredictor, checks: ExactPredictor, motions: Motions
+) -> tuple[Mask, Floats]:
     """Return whether segments agree with the model at their check points, (m,), and the deviations, (m, width).
 
     Nodes and check points are in the order of the segments; rows after the nodes are ignored.
@@ -330,7 +330,7 @@ def compare(
     return accepted, deviation
 
 
-def _segments_by_degree(degree: NDArray[np.intp]) -> Iterator[tuple[int, NDArray[np.intp], NDArray[np.intp]]]:
+def _segments_by_degree(degree: Indices) -> Iterator[tuple[int, Indices, Indices]]:
     """Yield each degree, its segments and their nodes."""
     of_node = np.repeat(degree, degree + 1)
     for n in np.unique(degree):

@@ -38,7 +38,7 @@ from radioloc.measurements.table_columns import (
 )
 from radioloc.quantities import TableForm, as_table
 from radioloc.time import Epochs, to_scale, utc_strings
-from radioloc.vectors import Floats
+from radioloc.vectors import Floats, Indices, Mask
 
 RANGE, VLBI_DELAY, DOPPLER, VLBI_DELAY_RATE = (
     kind_of(name) for name in ("range", "vlbi_delay", "doppler", "vlbi_delay_rate")
@@ -92,7 +92,7 @@ class Observations:
     #: (n,), whether values count cycles of a variable transmitted frequency (``ramps``), in metres by the
     #: reference frequency ``uplink_hz``, or one-way that of ``wavelength_um``
     #: (:mod:`~radioloc.measurements.ramps`).
-    ramped: NDArray[np.bool_]
+    ramped: Mask
     files: tuple[str, ...]  #: different files of origin
     file: NDArray[np.int32]  #: (n,), index into ``files``
     line: NDArray[np.int32]  #: (n,), line in the file, counted from 1
@@ -426,7 +426,7 @@ class Observations:
         )
         self._refuse(wrong, "sigma_m", rule)
 
-    def _refuse(self, wrong: NDArray[np.bool_], name: str, expected: str) -> None:
+    def _refuse(self, wrong: Mask, name: str, expected: str) -> None:
         if not wrong.any():
             return
         row = int(np.argmax(wrong))
@@ -518,7 +518,7 @@ def _instants_us(observations: Observations) -> NDArray[np.int64]:
     return np.asarray(since_us + number * (since_us.max(initial=0) + 2 * _MAX_ROUNDING_US))
 
 
-def _nearly_equal_pairs(instant_us: NDArray[np.int64]) -> NDArray[np.intp]:
+def _nearly_equal_pairs(instant_us: NDArray[np.int64]) -> Indices:
     """Return pairs of rows with epochs that differ at most by rounding, the earlier row first, shape (2, m)."""
     order = np.argsort(instant_us, kind="stable")
     in_order, pairs = instant_us[order], []
@@ -530,18 +530,14 @@ def _nearly_equal_pairs(instant_us: NDArray[np.int64]) -> NDArray[np.intp]:
     return np.concatenate(pairs, axis=1)
 
 
-def _agree(column: Floats, first: NDArray[np.intp], second: NDArray[np.intp]) -> NDArray[np.bool_]:
+def _agree(column: Floats, first: Indices, second: Indices) -> Mask:
     """Return whether a quantity is equal in both rows to a millionth, or recorded in neither."""
     a, b = column[first], column[second]
     return np.asarray((np.abs(a - b) <= 1e-6 * np.abs(a)) | (np.isnan(a) & np.isnan(b)))
 
 
 def without_second(
-    observations: Observations,
-    first: NDArray[np.intp],
-    second: NDArray[np.intp],
-    problem: str,
-    details: str = "",
+    observations: Observations, first: Indices, second: Indices, problem: str, details: str = ""
 ) -> Observations:
     """Return the observations without the second row of each pair, with a warning."""
     if not len(first):

@@ -20,7 +20,7 @@ from radioloc.measurements.physical_model import TERMS, PhysicalModel
 from radioloc.measurements.target_motion import Motions, MotionsLike, as_motions
 from radioloc.media.medium import describe
 from radioloc.quantities import accepts_quantities
-from radioloc.vectors import Floats
+from radioloc.vectors import Floats, Indices, Mask
 
 ROWS_AT_ONCE = 16384  # rows of partials that are held together: 10 MB for 75 parameters
 _LANDER_TERMS = ("lunar_tide", "lunar_tide_constant", "lunar_scale", "lunar_lorentz")
@@ -70,7 +70,7 @@ class Computed:
         return Computed(**{"by_motion": columns["by_position_pa"], **columns})
 
     @property
-    def usable(self) -> NDArray[np.bool_]:
+    def usable(self) -> Mask:
         """Mask of observations within the validity of the model, shape (n,)."""
         return np.asarray(~self.status.any(axis=-1))
 
@@ -166,7 +166,7 @@ class Predictor(ABC):
 
     @property
     @abstractmethod
-    def predicted_eop(self) -> NDArray[np.bool_]:
+    def predicted_eop(self) -> Mask:
         """Mask of observations with predicted Earth orientation, shape (n,)."""
 
     @property
@@ -242,7 +242,7 @@ def reasons(
     return describe(computed.status, computed.elevation_rad, predictor.stations, ends)
 
 
-def blocks(predictor: Predictor) -> Iterator[NDArray[np.intp]]:
+def blocks(predictor: Predictor) -> Iterator[Indices]:
     """Yield blocks of rows of a predictor."""
     n = len(predictor.observations)
     for start in range(0, n, ROWS_AT_ONCE):

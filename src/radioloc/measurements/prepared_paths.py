@@ -43,7 +43,7 @@ from radioloc.measurements.target_motion import Motions, MotionsLike, positions_
 from radioloc.media.medium import Leg, LegEnd, LineOfSight, Weather, line_of_sight, prepared_media
 from radioloc.quantities import accepts_quantities
 from radioloc.time import Epochs, geocentric_tdb_minus_tt, topocentric_tdb_minus_tt, utc_to_tt
-from radioloc.vectors import Floats, by_component, dot, length
+from radioloc.vectors import Floats, Indices, Mask, by_component, dot, length
 
 _MIN_RADIO_WAVELENGTH_UM = 1000.0  # 300 GHz; shorter waves are light
 _SOURCE_DISTANCE_M = 1e18  # nominal distance of sources at infinity
@@ -112,7 +112,7 @@ class PreparedPaths(Predictor):
         self._place()
 
     @property
-    def predicted_eop(self) -> NDArray[np.bool_]:
+    def predicted_eop(self) -> Mask:
         """Mask of observations with predicted Earth orientation, shape (n,)."""
         n = len(self.observations)
         predicted = self._ends.predicted_eop.reshape(2, -1).any(axis=0)
@@ -151,7 +151,7 @@ class PreparedPaths(Predictor):
         return joined_arc
 
     @classmethod
-    def _combined(cls, arcs: Sequence[Self], observations: Observations, paths: NDArray[np.intp]) -> Self:
+    def _combined(cls, arcs: Sequence[Self], observations: Observations, paths: Indices) -> Self:
         """Return the arc of observations with paths of some arcs, by index in their concatenation."""
         out = copy.copy(arcs[0])
         out._set_observations(observations)
@@ -381,9 +381,7 @@ class PreparedPaths(Predictor):
         return line_of_sight(leg, self.model.media, self._media, moon_gcrs_m, stack_ends(is_craft))
 
 
-def is_radio(
-    wavelength_um: Floats, stations: Sequence[Station], receiver: NDArray[np.int32]
-) -> NDArray[np.bool_]:
+def is_radio(wavelength_um: Floats, stations: Sequence[Station], receiver: NDArray[np.int32]) -> Mask:
     """Return the mask of radio signals, (n,); without a recorded wavelength signals to laser stations are light."""
     laser = np.array([station.kind == "llr" for station in stations], dtype=bool)[receiver]
     return np.where(np.isnan(wavelength_um), ~laser, wavelength_um >= _MIN_RADIO_WAVELENGTH_UM)
@@ -406,7 +404,7 @@ def joined(parts: list[Any]) -> Any:
     return np.concatenate(parts)
 
 
-def rows_of(value: Any, rows: NDArray[np.intp] | NDArray[np.bool_] | slice) -> Any:
+def rows_of(value: Any, rows: Indices | Mask | slice) -> Any:
     """Return rows of an array, or of all arrays of a record; the memory layout is by component."""
     if value is None:
         return None

@@ -24,7 +24,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.constants import C_M_S, L_G
 from radioloc.earth.geodesy import geodetic_from_itrf
@@ -35,7 +34,7 @@ from radioloc.measurements.light_path import MovingPoint
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.time import Epochs, tt_to_tdb, utc_to_tt
-from radioloc.vectors import Floats, dot
+from radioloc.vectors import Floats, Mask, dot
 
 _STEP_S, _STEP_IN_ORBIT_S = 3600.0, 30.0
 """Steps in which a cubic spline of the rate has errors of 1e-18, on the Moon and in a low orbit of two hours."""
@@ -58,7 +57,7 @@ class TargetClock:
 
     offset_s: Floats  # at the origin, at the instant of its motion
     rate: Floats
-    is_one_way: NDArray[np.bool_]
+    is_one_way: Mask
 
     def merged_with(self, clocks: Sequence[TargetClock]) -> TargetClock:
         """Return the clock merged with those of other targets, which have other events."""
@@ -99,7 +98,7 @@ def clock_epoch(observations: Observations, trajectory: AnyTrajectory | None = N
 def target_clock(
     model: PhysicalModel,
     tdb: Epochs,
-    is_one_way: NDArray[np.bool_],
+    is_one_way: Mask,
     radius_m: Floats,
     epoch: Epochs | None,
     trajectory: AnyTrajectory | None = None,

@@ -25,7 +25,7 @@ from radioloc.measurements.table_columns import is_single_precision
 from radioloc.media.medium import Status
 from radioloc.quantities import accepts_quantities
 from radioloc.time import Epochs, tai_to_tt, tai_to_utc, utc_strings, utc_to_tai
-from radioloc.vectors import Floats
+from radioloc.vectors import Floats, Indices, Mask
 
 UPLINK = {"S": 221, "X": 749, "Ka": 3599}  # ratios of the uplink frequencies of a channel
 DOWNLINK = {"S": 240, "X": 880, "Ka": 3344}  # coherent downlinks of the channel, on the scale of its uplinks
@@ -194,7 +194,7 @@ def ramp_term(
     sender: NDArray[np.str_],
     tag: Epochs,
     sent_s: Floats,
-    partner: NDArray[np.intp],
+    partner: Indices,
     reference_hz: Floats,
 ) -> RampTerm:
     """Return the effect of transmitted frequencies, by name of the sender (empty without ramps), on n light paths."""
@@ -240,7 +240,7 @@ class TransmittedFrequency:
         cycles = ((frequency_hz - self._base_hz) + 0.5 * rate_hz_s * steps) * steps
         self._cycles = np.concatenate([[0.0], np.cumsum(cycles)[:-1]])
 
-    def covers(self, first_s: Floats, last_s: Floats) -> NDArray[np.bool_]:
+    def covers(self, first_s: Floats, last_s: Floats) -> Mask:
         """Return whether ramps cover the time between two instants without gap, s since :attr:`origin`, shape (n,)."""
         (first, is_first_in), (last, is_last_in) = self._find(first_s), self._find(last_s)
         return is_first_in & is_last_in & (self._block[first] == self._block[last])
@@ -257,7 +257,7 @@ class TransmittedFrequency:
         cycles += (self._base_hz[k] - reference_hz) * (time_s - since_s)
         return self._frequency_hz[k] + self._rate_hz_s[k] * within_s, cycles
 
-    def _find(self, time_s: Floats) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
+    def _find(self, time_s: Floats) -> tuple[Indices, Mask]:
         """Return the ramp at each time, and whether the time is in it."""
         k = np.maximum(np.searchsorted(self._start_s, time_s, side="right") - 1, 0)
         within_s = time_s - self._start_s[k]

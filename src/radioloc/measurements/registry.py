@@ -43,6 +43,7 @@ from radioloc.measurements.link import Link
 from radioloc.plugins import DerivedNames, Registry
 from radioloc.quantities import convert_fields
 from radioloc.units import set_fields
+from radioloc.vectors import Mask
 
 TIME_TAGS = ("transmit", "receive", "bounce")
 """Events of time tags; :attr:`Observations.tag` has indices into this tuple."""
@@ -217,27 +218,27 @@ MEASUREMENTS: Mapping[str, MeasurementType] = Registry("radioloc.measurements", 
 KINDS = DerivedNames(lambda: MEASUREMENTS)  # their names
 
 
-def _table(trait: str) -> NDArray[np.bool_]:
+def _table(trait: str) -> Mask:
     """Return a mask of types that have a trait, or the geometry of that name."""
     return np.array([getattr(kind, trait, kind.geometry.name == trait) for kind in MEASUREMENTS.values()])
 
 
-def is_integrated(kind: NDArray[np.int8]) -> NDArray[np.bool_]:
+def is_integrated(kind: NDArray[np.int8]) -> Mask:
     """Return a mask of differences over a count interval: Doppler and delay rates."""
     return np.asarray(_table("integrated")[kind])
 
 
-def is_differenced(kind: NDArray[np.int8]) -> NDArray[np.bool_]:
+def is_differenced(kind: NDArray[np.int8]) -> Mask:
     """Return a mask of measurements of baselines, two stations that receive."""
     return np.asarray(_table("on_baseline")[kind])
 
 
-def is_one_way(kind: NDArray[np.int8]) -> NDArray[np.bool_]:
+def is_one_way(kind: NDArray[np.int8]) -> Mask:
     """Return a mask of one-way measurements, of a signal from the target at a station."""
     return np.asarray(_table("ONE_WAY")[kind])
 
 
-def is_combined(kind: NDArray[np.int8]) -> NDArray[np.bool_]:
+def is_combined(kind: NDArray[np.int8]) -> Mask:
     """Return a mask of linear combinations of simple measurements."""
     return np.asarray(_table("COMBINED")[kind])
 

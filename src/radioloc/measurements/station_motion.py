@@ -17,7 +17,7 @@ from radioloc.measurements.light_path import MovingPoint
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.media.medium import StationState
 from radioloc.time import Epochs, geocentric_tdb_minus_tt, topocentric_tdb_minus_tt
-from radioloc.vectors import Floats, cross, dot, east_north_up, length, rotated
+from radioloc.vectors import Floats, Mask, cross, dot, east_north_up, length, rotated
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -30,7 +30,7 @@ class StationMotion(StationState):
     tdb_rate: Floats  # of TDB - TT at the station
     geocentric_tdb_rate: Floats  # of the part that is independent of the place
     rot_itrf_to_gcrs: Floats  # shape (n, 3, 3)
-    predicted_eop: NDArray[np.bool_]  # whether Earth orientation was a prediction
+    predicted_eop: Mask  # whether Earth orientation was a prediction
 
     def tdb_minus_tt_at(self, offset_s: Floats) -> Floats:
         """Return TDB - TT at the station at a near instant, s, shape (n,)."""

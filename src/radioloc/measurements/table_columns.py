@@ -27,7 +27,7 @@ from radioloc.text_files import read_text, text_of_cell
 from radioloc.time import Epochs, to_scale
 from radioloc.time.dates import utc_from_picoseconds, utc_from_text, utc_to_picoseconds
 from radioloc.units import ASTROPY_UNITS, argument_unit, as_float_array, in_unit
-from radioloc.vectors import Floats
+from radioloc.vectors import Floats, Indices
 
 RELATIVE_STEP = 2.0**-23  # largest relative spacing of single-precision numbers
 
@@ -263,7 +263,7 @@ class ColumnReader:
                 self._fail(name, int(np.argmax(places == place)), str(error))
         return codes[places]
 
-    def _unique_texts(self, name: str, column: Any, expected: str) -> tuple[NDArray[np.intp], Any]:
+    def _unique_texts(self, name: str, column: Any, expected: str) -> tuple[Indices, Any]:
         """Return the index of the text of each row, and the different texts."""
         if _TEXT.fullmatch(str(column.type)):
             column = column.dictionary_encode()
@@ -316,9 +316,7 @@ class ColumnReader:
         self._require(_INTEGER, "utc_ps", picoseconds, "whole numbers (int64)")
         return _values_of(date.cast("int32")).astype(np.int64), _values_of(picoseconds.cast("int64"))
 
-    def _epochs_of(
-        self, name: str, places: NDArray[np.intp], convert: Callable[[NDArray[np.intp]], Epochs]
-    ) -> Epochs:
+    def _epochs_of(self, name: str, places: Indices, convert: Callable[[Indices], Epochs]) -> Epochs:
         """Return epochs of rows, with each place converted once; errors name the first invalid row."""
         different, index = np.unique(places, return_inverse=True)
         try:

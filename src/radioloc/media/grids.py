@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from radioloc.constants import MJD_ZERO_JD
 from radioloc.errors import CoverageError, InputError
 from radioloc.time import Epochs
-from radioloc.vectors import Floats
+from radioloc.vectors import Floats, Mask
 
 _TURN_DEG = 360.0
 _ROUNDING_DEG = 1e-6
@@ -68,7 +68,7 @@ class LatLonGrid:
         return rows, columns, weights * np.stack([1.0 - east, east, 1.0 - east, east], axis=-1)
 
 
-def _axis_steps(axis_deg: Floats, place_deg: Floats, turn_deg: float) -> tuple[Floats, NDArray[np.bool_]]:
+def _axis_steps(axis_deg: Floats, place_deg: Floats, turn_deg: float) -> tuple[Floats, Mask]:
     """Return steps from the first point of an axis to each place, 0 to a turn, and whether it is on the axis."""
     # A closed axis, with or without the first point at its end, has every place on it.
     step, last = axis_deg[1] - axis_deg[0], len(axis_deg) - 1.0

@@ -21,7 +21,7 @@ from radioloc.media.ionosphere import modified_shell_mapping, pierce_point, requ
 from radioloc.text_files import ANY_BYTE, read_lines
 from radioloc.time import Epochs, epochs_from_strings
 from radioloc.time.scales import to_scale
-from radioloc.vectors import Floats
+from radioloc.vectors import Floats, Mask
 
 _MIN_WEIGHT = 1e-9  # smaller weights of the points of a grid are rounding
 _MISSING_VALUE = 9999
@@ -80,7 +80,7 @@ class IonexMaps:
         latitude_rad: Floats,
         longitude_rad: Floats,
         mjd_utc: Floats,
-        used: NDArray[np.bool_],
+        used: Mask,
     ) -> Floats:
         turned = longitude_rad + 2.0 * np.pi * (mjd_utc - self.mjd_utc[index])
         row, column, weight = self.grid.corners(latitude_rad, turned)

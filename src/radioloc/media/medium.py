@@ -21,7 +21,7 @@ from radioloc.earth.stations import Station
 from radioloc.lunar.frames import hidden_by_moon
 from radioloc.plugins import entry_errors
 from radioloc.time import Epochs
-from radioloc.vectors import Floats, cross, dot, length
+from radioloc.vectors import Floats, Indices, Mask, cross, dot, length
 
 MIN_ELEVATION_RAD = np.deg2rad(3.0)
 """Lowest elevation at which the mapping functions are valid."""
@@ -132,12 +132,12 @@ class LegEnd:
     stations: Sequence[Station]
     station_index: NDArray[np.int32]  #: into the stations
     epoch: Epochs  #: TT of the events
-    radio: NDArray[np.bool_]  #: whether the signal is radio, not light
-    phase: NDArray[np.bool_]  #: whether the phase is measured, not a code or pulse with the group velocity
+    radio: Mask  #: whether the signal is radio, not light
+    phase: Mask  #: whether the phase is measured, not a code or pulse with the group velocity
     frequency_hz: Floats  #: of radio on this leg; NaN where it was not recorded
     wavelength_um: Floats  #: of light, in vacuum, micrometres; NaN where it was not recorded
     weather: Weather  #: as recorded
-    has_weather: NDArray[np.bool_]  #: whether the weather was recorded at this end
+    has_weather: Mask  #: whether the weather was recorded at this end
 
     def __len__(self) -> int:
         return len(self.station_index)
@@ -191,7 +191,7 @@ class Leg:
         """Velocity of the target relative to the station, m/s."""
         return self.target_velocity_m_s - self.station.gcrs_velocity_m_s
 
-    def azimuth_rad(self, rows: NDArray[np.intp]) -> Floats:
+    def azimuth_rad(self, rows: Indices) -> Floats:
         """Return the azimuth of the target for some rows, from north through east, 0 to 2 pi."""
         up, unit = self.station.up_gcrs[rows], self.unit[rows]
         east = cross(self.station.pole_gcrs[rows], up)
@@ -274,7 +274,7 @@ def line_of_sight(
     media: Iterable[Medium],
     prepared: Mapping[str, Any],
     moon_gcrs_m: Floats | None = None,
-    is_craft: NDArray[np.bool_] | bool = True,
+    is_craft: Mask | bool = True,
 ) -> LineOfSight:
     """Sum the delays of legs by media from their prepared data, by name; the first failed status of a leg counts."""
     # `moon_gcrs_m`, shape (n, 3): geocentric Moon, which hides targets that are spacecraft; None without spacecraft.
@@ -306,7 +306,7 @@ def line_of_sight(
     return LineOfSight(leg, delay_m, rate_m_s, by_position, by_zenith_wet, status)
 
 
-def behind_moon(point_gcrs_m: Floats, station_gcrs_m: Floats, moon_gcrs_m: Floats) -> NDArray[np.bool_]:
+def behind_moon(point_gcrs_m: Floats, station_gcrs_m: Floats, moon_gcrs_m: Floats) -> Mask:
     """Return whether the Moon hides a spacecraft from a station; geocentric positions at the events, m."""
     # The Moon is the 1737.4 km sphere, or a smaller one through a spacecraft that is lower, as on a landing.
     from_moon_m = point_gcrs_m - moon_gcrs_m

@@ -21,7 +21,6 @@ from itertools import islice
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.earth.geodesy import geodetic_from_itrf
 from radioloc.earth.stations import Station
@@ -53,7 +52,7 @@ from radioloc.media.neutral_atmosphere import (
 )
 from radioloc.text_files import ANY_BYTE, read_lines
 from radioloc.time import Epochs
-from radioloc.vectors import Floats
+from radioloc.vectors import Floats, Indices
 
 _HEIGHT_LIMITS_M = (-500.0, 9000.0)  # validity of the models of the air
 
@@ -68,7 +67,7 @@ class ZenithAir:
     wet_abc: Floats
     mapping_height_m: Floats  # of the station above the height of the hydrostatic coefficients, shape (n,)
 
-    def mapping(self, elevation_rad: Floats, rows: NDArray[np.intp] | slice) -> MappingFactors:
+    def mapping(self, elevation_rad: Floats, rows: Indices | slice) -> MappingFactors:
         """Return the mapping functions of some rows at their elevations."""
         hydrostatic_abc, wet_abc = [*self.hydrostatic_abc[rows].T], [*self.wet_abc[rows].T]
         return mapping_factors(elevation_rad, self.mapping_height_m[rows], hydrostatic_abc, wet_abc)

@@ -25,6 +25,7 @@ from radioloc.media.medium import (
 )
 from radioloc.media.neutral_atmosphere import optical_delay
 from radioloc.media.radio_atmosphere import RadioAtmosphere, ZenithAir, zenith_air
+from radioloc.vectors import Indices
 
 _WEATHER_LIMITS = {"pressure_hpa": (300.0, 1100.0, "hPa"), "temperature_k": (200.0, 340.0, "K")}
 """Validity of the models of the air: lowest and highest value, unit."""
@@ -72,7 +73,7 @@ class Troposphere:
                 leg.station.height_m[rows],
             )
         valid = radio & high_enough
-        rows_of_radio: NDArray[np.intp] | slice = slice(None) if valid.all() else np.flatnonzero(valid)
+        rows_of_radio: Indices | slice = slice(None) if valid.all() else np.flatnonzero(valid)
         dry_m, wet_m = prepared.hydrostatic_m[rows_of_radio], prepared.wet_m[rows_of_radio]
         mapping = prepared.mapping(elevation_rad[rows_of_radio], rows_of_radio)
         delay_m[rows_of_radio] = dry_m * mapping.hydrostatic + wet_m * mapping.wet

@@ -20,7 +20,7 @@ from dataclasses import dataclass, field, fields, replace
 from typing import Any, Protocol, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from radioloc.errors import InputError
 from radioloc.labels import changed
@@ -28,7 +28,7 @@ from radioloc.noise.processes import NONE, KalmanFilter, Process, transitions
 from radioloc.noise.whitening import Banded, Blocks, Diagonal, Filtered, Rows, Structure, StructuredWhitener
 from radioloc.parameters.rows import networks
 from radioloc.units import set_fields
-from radioloc.vectors import Floats
+from radioloc.vectors import Floats, Indices, Mask
 
 ALONE = -1
 """Group or link of an observation that shares no error with others."""
@@ -50,10 +50,10 @@ class NoiseTerm(Protocol):
         """Variance of each observation, m^2, shape (n,)."""
 
     @property
-    def states(self) -> tuple[NDArray[np.intp], Floats]:
+    def states(self) -> tuple[Indices, Floats]:
         """States of a Kalman filter that each observation has, or NONE, and their signs, both (n, k)."""
 
-    def transitions(self, rows: Rows, step_s: Floats, states: NDArray[np.intp]) -> tuple[Floats, Floats]:
+    def transitions(self, rows: Rows, step_s: Floats, states: Indices) -> tuple[Floats, Floats]:
         """Decay of some states, and the variances that they gain, from row to row of some rows, both (m, s)."""
 
 
@@ -73,8 +73,8 @@ class White:
 class SharedAtEpoch:
     """Errors that observations of an epoch share, such as errors of stations in delays."""
 
-    group: NDArray[np.intp]  #: (n,), number of the epoch; ALONE for observations without shared errors
-    source: NDArray[np.intp]  #: (n, k), such as indices of stations
+    group: Indices  #: (n,), number of the epoch; ALONE for observations without shared errors
+    source: Indices  #: (n, k), such as indices of stations
     effect_m: Floats  #: (n, k), signed effect of one standard deviation of each source
 
     def __post_init__(self) -> None:
@@ -87,7 +87,7 @@ class SharedAtEpoch:
         rows = np.arange(len(self.group))[:, None]
         return np.where(self.group == ALONE, 0.0, self.covariance_m2(rows)[:, 0, 0])
 
-    def covariance_m2(self, rows: NDArray[np.intp]) -> Floats:
+    def covariance_m2(self, rows: Indices) -> Floats:
         """Covariance of observations (b, k), each of the b in one group, shape (b, k, k)."""
         source, effect_m = self.source[rows], self.effect_m[rows]
         covariance = np.zeros((*rows.shape, rows.shape[1]))
@@ -98,12 +98,12 @@ class SharedAtEpoch:
         return covariance
 
     @property
-    def states(self) -> tuple[NDArray[np.intp], Floats]:
+    def states(self) -> tuple[Indices, Floats]:
         """Sources as states."""
         shared = (self.group[:, None] != ALONE) & (self.effect_m != 0.0)
         return np.where(shared, self.source, NONE), self.effect_m
 
-    def transitions(self, rows: Rows, step_s: Floats, states: NDArray[np.intp]) -> tuple[Floats, Floats]:
+    def transitions(self, rows: Rows, step_s: Floats, states: Indices) -> tuple[Floats, Floats]:
         """Transitions to new states at the first row of each group."""
         decay, shared_rows = np.ones((len(rows), len(states))), np.flatnonzero(self.group[rows] != ALONE)
         decay[shared_rows[changed(self.group[rows[shared_rows]])]] = 0.0
@@ -153,9 +153,9 @@ class DopplerPhase:
     """White noise of the phases whose difference is a Doppler count."""
 
     sigma_m: Floats  #: (n,), of the phase at either end
-    link: NDArray[np.intp]  #: (n,), index of the link; ALONE for observations of other types
-    start: NDArray[np.intp]  #: (n,), number of the phase at the start, in order of time on the link
-    end: NDArray[np.intp]  #: (n,), number of the phase at the end, which the next count may start with
+    link: Indices  #: (n,), index of the link; ALONE for observations of other types
+    start: Indices  #: (n,), number of the phase at the start, in order of time on the link
+    end: Indices  #: (n,), number of the phase at the end, which the next count may start with
 
     @property
     def variance_m2(self) -> Floats:
@@ -177,14 +177,14 @@ class DopplerPhase:
         return Banded(rows, np.asarray(cholesky_banded(banded, lower=True)))
 
     @property
-    def states(self) -> tuple[NDArray[np.intp], Floats]:
+    def states(self) -> tuple[Indices, Floats]:
         """Phases as states; the phases of a link reuse a few states in turn."""
         phases = np.stack([self.start, self.end], axis=1)
         turns = int((self.end - self.start)[self.link != ALONE].max(initial=0)) + 1
         states = np.where(self.link[:, None] == ALONE, NONE, self.link[:, None] * turns + phases % turns)
         return states, self.sigma_m[:, None] * [-1.0, 1.0]
 
-    def transitions(self, rows: Rows, step_s: Floats, states: NDArray[np.intp]) -> tuple[Floats, Floats]:
+    def transitions(self, rows: Rows, step_s: Floats, states: Indices) -> tuple[Floats, Floats]:
         """Transitions to new states at the end of each count, and at starts without an earlier count."""
         decay, phase_rows = np.ones((len(rows), len(states))), np.flatnonzero(self.link[rows] != ALONE)
         columns = np.searchsorted(states, self.states[0][rows[phase_rows]])
@@ -204,11 +204,11 @@ class GaussMarkov:
     """First-order Gauss-Markov processes, each in one observation or in several, with signs."""
 
     time_s: Floats  #: (n,)
-    process: NDArray[np.intp]  #: (n, k), index of a process or NONE
+    process: Indices  #: (n, k), index of a process or NONE
     sign: Floats  #: (n, k)
     processes: tuple[Process, ...]
 
-    def _numbers(self, which: NDArray[np.intp]) -> Floats:
+    def _numbers(self, which: Indices) -> Floats:
         numbers = [(p.variance_m2, p.tau_s, p.walk_m2_s, p.start_s) for p in self.processes]
         return np.moveaxis(np.array(numbers or [(0.0,) * 4])[which], -1, 0)
 
@@ -220,11 +220,11 @@ class GaussMarkov:
         return np.asarray((self.sign**2 * variance_m2 * (self.process != NONE)).sum(axis=1))
 
     @property
-    def states(self) -> tuple[NDArray[np.intp], Floats]:
+    def states(self) -> tuple[Indices, Floats]:
         """Processes as states."""
         return self.process, self.sign
 
-    def transitions(self, rows: Rows, step_s: Floats, states: NDArray[np.intp]) -> tuple[Floats, Floats]:
+    def transitions(self, rows: Rows, step_s: Floats, states: Indices) -> tuple[Floats, Floats]:
         """Decay and growth of the processes."""
         variance_m2, tau_s, walk_m2_s, start_s = self._numbers(states)
         decay, added = transitions(step_s, variance_m2, tau_s)
@@ -292,9 +292,7 @@ class ObservationCovariance:
         """Covariance of some of the observations."""
         return ObservationCovariance(tuple(_selected(term, rows) for term in self.terms))
 
-    def whitener(
-        self, used: NDArray[np.bool_] | None = None, order: Rows | None = None
-    ) -> StructuredWhitener:
+    def whitener(self, used: Mask | None = None, order: Rows | None = None) -> StructuredWhitener:
         """Whitener of the used observations, by default all; independent ones in a given order of the rows (n,)."""
         used = np.ones(len(self), dtype=bool) if used is None else used
         shared, phases = self.of_type(SharedAtEpoch), self.of_type(DopplerPhase)
@@ -313,7 +311,7 @@ class ObservationCovariance:
                 structures.append(phase.banded(self.white_m, np.flatnonzero(members)))
         return StructuredWhitener(len(self), tuple(structures))
 
-    def _filtered(self, used: NDArray[np.bool_]) -> Iterator[Structure]:
+    def _filtered(self, used: Mask) -> Iterator[Structure]:
         """Yield a Kalman filter for each network of observations that share processes, and a diagonal."""
         processes, signs, first = [], [], [0]
         time_s, groups = np.zeros(len(self)), []

@@ -11,9 +11,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from radioloc.vectors import Floats
+from radioloc.vectors import Floats, Indices, Mask
 
 NONE = -1
 """Index in place of a process, for observations without one."""
@@ -30,7 +30,7 @@ class Process:
 
 
 def transitions(
-    step_s: Floats, variance: ArrayLike, tau_s: ArrayLike, new: NDArray[np.bool_] | None = None
+    step_s: Floats, variance: ArrayLike, tau_s: ArrayLike, new: Mask | None = None
 ) -> tuple[Floats, Floats]:
     """Factors by which processes decay over steps (n,), and the variances that they gain, both (n, s).
 
@@ -54,7 +54,7 @@ def recursions(decay: Floats, weight: Floats, drive: Floats) -> Floats:
 class KalmanFilter:
     """Gains of a Kalman filter of n rows and s processes; they are the same for all columns."""
 
-    process: NDArray[np.intp]  # (n, k), index of each process that a row has, or NONE
+    process: Indices  # (n, k), index of each process that a row has, or NONE
     sign: Floats  # (n, k), with which it has it
     decay: Floats  # (n, s), of the processes since the row before
     gain: Floats  # (n, s)
@@ -63,7 +63,7 @@ class KalmanFilter:
     @classmethod
     def from_processes(
         cls,
-        process: NDArray[np.intp],
+        process: Indices,
         sign: Floats,
         white: Floats,
         transition: tuple[Floats, Floats],

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from radioloc.measurements.predictor import ROWS_AT_ONCE
 from radioloc.noise.processes import KalmanFilter
-from radioloc.vectors import Floats
+from radioloc.vectors import Floats, Mask
 
 Rows = NDArray[np.intp]
 """Indices of observations, in any order."""
@@ -88,7 +88,7 @@ class Diagonal:
     rows: Rows  # (n,)
     sigma_m: Floats  # (n,)
 
-    def select(self, some: NDArray[np.bool_] | Rows) -> Diagonal:
+    def select(self, some: Mask | Rows) -> Diagonal:
         """Select some of the observations."""
         return Diagonal(self.rows[some], self.sigma_m[some])
 
@@ -116,7 +116,7 @@ class Blocks:
         """Yield slices of some thousand successive rows, in whole blocks."""
         return slices(*self.rows.shape)
 
-    def select(self, some: NDArray[np.bool_] | Rows | slice) -> Blocks:
+    def select(self, some: Mask | Rows | slice) -> Blocks:
         """Select some of the blocks."""
         return replace(self, rows=self.rows[some], which=self.which[some])
 

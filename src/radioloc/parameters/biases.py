@@ -24,24 +24,23 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.constants import C_M_S
 from radioloc.parameters.kind import Members, ParameterKind, Scope, Sigmas, all_observations
 from radioloc.parameters.rows import ObservationRows
-from radioloc.vectors import Floats
+from radioloc.vectors import Floats, Mask
 
 _RADIO_DELAY_SIGMA_S = 10e-9
 _LASER_BIAS_SIGMA_M = 0.01
 _STATIONS_OR_LINKS = (Scope.STATION, Scope.PASS, Scope.LINK, Scope.LINK_AND_PASS)
 
 
-def _at_second(acts: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _at_second(acts: Mask) -> Mask:
     """Return flags of both stations, shape (m, 2), for a parameter of the second one."""
     return np.stack([np.zeros_like(acts), acts], axis=-1)
 
 
-def _range(rows: ObservationRows) -> NDArray[np.bool_]:
+def _range(rows: ObservationRows) -> Mask:
     return _at_second(~rows.baseline & ~rows.integrated)
 
 
@@ -54,13 +53,13 @@ def _bias_sigmas(rows: ObservationRows, members: Members) -> Sigmas:
     }
 
 
-def _tagging(rows: ObservationRows) -> NDArray[np.bool_]:
+def _tagging(rows: ObservationRows) -> Mask:
     # A tag of the bounce, or of a spacecraft's transmission, is attributed to the receiving station.
     first = rows.tagged[:, 0]
     return np.stack([first, ~first], axis=-1)
 
 
-def _retransmitted(rows: ObservationRows) -> NDArray[np.bool_]:
+def _retransmitted(rows: ObservationRows) -> Mask:
     return ~rows.baseline & ~rows.one_way & rows.radio
 
 
@@ -70,7 +69,7 @@ def _transponder_sigmas(rows: ObservationRows, members: Members) -> Sigmas:
     return {name: _RADIO_DELAY_SIGMA_S for name, k in members.items() if k in ranged}
 
 
-def _receives(rows: ObservationRows) -> NDArray[np.bool_]:
+def _receives(rows: ObservationRows) -> Mask:
     received = ~rows.integrated
     return np.stack([received & rows.baseline, received], axis=-1)
 
@@ -82,7 +81,7 @@ def _receiving(rows: ObservationRows) -> Floats:
     return (_receives(rows) * C_M_S * np.array([-1.0, 1.0]) + moved)[..., None]
 
 
-def _counted(rows: ObservationRows) -> NDArray[np.bool_]:
+def _counted(rows: ObservationRows) -> Mask:
     return _at_second(rows.integrated)
 
 

@@ -10,12 +10,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.constants import C_M_S
 from radioloc.parameters.kind import Members, ParameterKind, Scope, Sigmas
 from radioloc.parameters.rows import TRANSMIT, ObservationRows
-from radioloc.vectors import Floats
+from radioloc.vectors import Floats, Mask
 
 _SIGN = np.array([-1.0, 1.0])
 
@@ -36,7 +35,7 @@ def _rate(rows: ObservationRows) -> Floats:
     return ((C_M_S * _SIGN * rows.elapsed_at_ends_s - counted + moved) * (rows.ends >= 0))[..., None]
 
 
-def _target_tag(rows: ObservationRows) -> NDArray[np.bool_]:
+def _target_tag(rows: ObservationRows) -> Mask:
     return rows.one_way & (rows.tag == TRANSMIT)
 
 

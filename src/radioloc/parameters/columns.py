@@ -15,7 +15,7 @@ from radioloc.parameters.kind import Members, ParameterKind, Scope
 from radioloc.parameters.rows import ObservationRows
 from radioloc.plugins import entry_errors
 from radioloc.time import utc_strings
-from radioloc.vectors import Floats
+from radioloc.vectors import Floats, Mask
 
 PASS_GAP_H = 4.0
 """Time without observations of a station after which a new pass begins. Between two passes the Moon is down for 5 h or
@@ -137,7 +137,7 @@ def columns_of(
     owners: list[str] = []
     spans: list[tuple[str, str] | None] = []
     for member, index in chosen.items():
-        ends_of_member: NDArray[np.bool_] = np.equal(owner, index)
+        ends_of_member: Mask = np.equal(owner, index)
         order = np.flatnonzero(_any_end(ends_of_member))
         order = order[np.argsort(since_s[order], kind="stable")]
         number = np.full(len(rows), -1)
@@ -155,6 +155,6 @@ def columns_of(
     return Columns(kind, scope, tuple(names), tuple(owners), tuple(spans), code)
 
 
-def _any_end(of_ends: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _any_end(of_ends: Mask) -> Mask:
     """Return whether any end is true, thirty times as fast as `any` along an axis of two."""
     return np.asarray(of_ends[:, 0] | of_ends[:, -1])

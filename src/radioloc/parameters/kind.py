@@ -7,11 +7,10 @@ from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.errors import InputError
 from radioloc.parameters.rows import ObservationRows
-from radioloc.vectors import Floats
+from radioloc.vectors import Floats, Mask
 
 
 class Scope(Enum):
@@ -69,7 +68,7 @@ class ParameterKind:
     partials: Callable[[ObservationRows], Floats]
     #: Whether each end of an observation depends on the parameter, shape (m, ends); called before values are
     #: computed.
-    acts_on: Callable[[ObservationRows], NDArray[np.bool_]]
+    acts_on: Callable[[ObservationRows], Mask]
     components: tuple[str, ...] = ("",)  #: names of its numbers; by default one number without a name
     #: Quantity in words, which follow a component in cards: ``"position of the Moon"``; by default the name.
     label: str = ""
@@ -127,11 +126,11 @@ class ParameterKind:
         return self.keys["sigma"]
 
 
-def all_observations(rows: ObservationRows) -> NDArray[np.bool_]:
+def all_observations(rows: ObservationRows) -> Mask:
     """Return that every observation depends on the parameter, shape (m, 1)."""
     return np.ones((len(rows), 1), dtype=bool)
 
 
-def both_stations(rows: ObservationRows) -> NDArray[np.bool_]:
+def both_stations(rows: ObservationRows) -> Mask:
     """Return that an observation depends on the parameter at each of its stations, shape (m, 2)."""
     return rows.ends >= 0

@@ -11,11 +11,10 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.errors import InputError
 from radioloc.units import set_fields
-from radioloc.vectors import Floats
+from radioloc.vectors import Floats, Mask
 
 _MIN_SIGMA = 1e-30  # In any unit; the square of its inverse is still finite
 
@@ -125,12 +124,12 @@ class ParameterSet:
         return tuple(item.name for item in self.parameters)
 
     @cached_property
-    def free(self) -> NDArray[np.bool_]:
+    def free(self) -> Mask:
         """Mask of adjusted parameters: estimated or considered."""
         return np.array([not item.fixed for item in self.parameters])
 
     @cached_property
-    def considered(self) -> NDArray[np.bool_]:
+    def considered(self) -> Mask:
         """Mask of considered parameters."""
         return np.array([item.role is Role.CONSIDERED for item in self.parameters])
 

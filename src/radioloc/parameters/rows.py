@@ -18,7 +18,7 @@ from radioloc.measurements.registry import TIME_TAGS, is_differenced, is_integra
 from radioloc.measurements.target_motion import Motions, positions_pa_m
 from radioloc.time import Epochs, utc_to_tai, utc_to_tt
 from radioloc.time.smooth import evaluate_smooth
-from radioloc.vectors import Floats, dot, length
+from radioloc.vectors import Floats, Indices, Mask, dot, length
 
 TRANSMIT, RECEIVE, BOUNCE = (TIME_TAGS.index(tag) for tag in ("transmit", "receive", "bounce"))
 
@@ -44,7 +44,7 @@ class ObservationRows:
     def __init__(
         self,
         predictor: Predictor,
-        rows: NDArray[np.intp] | None = None,
+        rows: Indices | None = None,
         reference: Epochs | None = None,
         prediction: Prediction | None = None,
         motions: Motions | None = None,
@@ -90,22 +90,22 @@ class ObservationRows:
         return np.stack([np.where(self.one_way, -1, first), second], axis=-1)
 
     @cached_property
-    def one_way(self) -> NDArray[np.bool_]:
+    def one_way(self) -> Mask:
         """Mask of one-way observations: the target transmits and one station receives."""
         return is_one_way(self.kind)
 
     @cached_property
-    def baseline(self) -> NDArray[np.bool_]:
+    def baseline(self) -> Mask:
         """Mask of baselines: the target transmits and two stations receive."""
         return is_differenced(self.kind)
 
     @cached_property
-    def integrated(self) -> NDArray[np.bool_]:
+    def integrated(self) -> Mask:
         """Mask of values that are differences over the count interval."""
         return is_integrated(self.kind)
 
     @cached_property
-    def two_way(self) -> NDArray[np.bool_]:
+    def two_way(self) -> Mask:
         """Mask of two-way observations: one station transmits and receives."""
         return np.asarray(~self.baseline & ~self.one_way & (self.ends[:, 0] == self.ends[:, 1]))
 
@@ -115,7 +115,7 @@ class ObservationRows:
         return np.where(self.integrated, self.observations.count_s[self.rows], 0.0)
 
     @cached_property
-    def tagged(self) -> NDArray[np.bool_]:
+    def tagged(self) -> Mask:
         """Mask of time tags by the clock of the first and of the second station, shape (m, 2)."""
         first = self.baseline | ((self.tag == TRANSMIT) & ~self.one_way)
         return np.stack([first, ~first & (self.tag == RECEIVE)], axis=-1)
@@ -180,7 +180,7 @@ class ObservationRows:
         return Epochs(tt.jd, tt.fraction, "TDB")
 
     @cached_property
-    def radio(self) -> NDArray[np.bool_]:
+    def radio(self) -> Mask:
         """Mask of radio signals; the others are light."""
         stations = list(map(self.model.catalogue.get, self.predictor.stations))
         return is_radio(self.observations.wavelength_um[self.rows], stations, self.ends[:, 1])
@@ -203,7 +203,7 @@ def middle_epoch(observations: Observations) -> Epochs:
     return ends[:1].shifted(0.5 * ends[1:].seconds_since(ends[:1]))
 
 
-def networks(pairs: NDArray[np.integer[Any]], count: int) -> NDArray[np.intp]:
+def networks(pairs: NDArray[np.integer[Any]], count: int) -> Indices:
     """Return the number of the connected network of each of `count` items, from pairs of connected items (n, 2)."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.errors import InputError, require_type
 from radioloc.io.ccsds import write_orbit_oem, write_orbit_opm
@@ -34,6 +33,7 @@ from radioloc.results.registry import RESULTS, result_type
 from radioloc.results.result import Content, OrbitFile, Raster, Result, ResultType, Table
 from radioloc.results.solution import Solution
 from radioloc.text_files import TEMPORARY_FILES, disk_failed, locked, replaced_file, write_text
+from radioloc.vectors import Floats
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -130,7 +130,7 @@ def _file_patterns(declared: ResultType) -> set[str]:
     return {*declared.file_patterns, *names}
 
 
-def _terms_table(terms: Mapping[str, NDArray[np.float64]], rows: Observations) -> Table:
+def _terms_table(terms: Mapping[str, Floats], rows: Observations) -> Table:
     types = Labels(rows.kind.astype(np.int32), tuple(KINDS))
     paths = Labels(rows.link, tuple(link.path for link in rows.links))
     named = {f"{name}_m": values for name, values in terms.items()}

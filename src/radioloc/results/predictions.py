@@ -7,7 +7,6 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.estimation.statistics import finite_or_none
 from radioloc.labels import Labels
@@ -15,6 +14,7 @@ from radioloc.quantities import TableForm, as_table
 from radioloc.results.cards import Card, Field, plural, remaining_line
 from radioloc.results.result import Result
 from radioloc.time import Epochs, utc_strings
+from radioloc.vectors import Floats
 
 _MAX_ROWS = 12
 _FILE = "the file of --out, and with --json"
@@ -57,14 +57,14 @@ class LightTimes(Result):
     frequency_hz: float | None  #: received frequency without motion, Hz, for the Doppler column
     epoch: Epochs  #: UTC of reception at the receiving station, n of them
     path: Labels  #: paths such as ``KASHI>lander>JIAMUSI`` or, one way, ``lander>KASHI``
-    columns: dict[str, NDArray[np.float64]]  #: by name, (n,)
+    columns: dict[str, Floats]  #: by name, (n,)
     status: Labels  #: empty, or the omitted part of the model, such as the troposphere below 3 degrees
     notes: tuple[str, ...] = ()  #: antennas of one complex
 
     def __len__(self) -> int:
         return len(self.epoch)
 
-    def __getitem__(self, column: str) -> NDArray[np.float64]:
+    def __getitem__(self, column: str) -> Floats:
         """Return one of the columns."""
         return self.columns[column]
 

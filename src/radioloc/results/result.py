@@ -11,11 +11,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from radioloc.dynamics.orbit import Orbit
 from radioloc.results.cards import Card
+from radioloc.vectors import Floats
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,14 +30,14 @@ class OrbitFile:
 
     orbit: Orbit
     body: int
-    covariance: NDArray[np.float64] | None = None
+    covariance: Floats | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class Raster:
     """Bands (k, m) of a GeoTIFF by name, in square cells of longitude and latitude on the sphere of 1737.4 km."""
 
-    bands: Mapping[str, NDArray[np.float64]]
+    bands: Mapping[str, Floats]
     west_deg: float
     north_deg: float
     step_deg: float

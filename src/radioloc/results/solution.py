@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any, Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.errors import InputError
@@ -39,7 +38,7 @@ from radioloc.results.result import Content, OrbitFile, Result
 from radioloc.results.tables import by_axis, finite, place_record, residual_table
 from radioloc.targets.orbit_state import OrbitState
 from radioloc.units import set_fields
-from radioloc.vectors import Floats
+from radioloc.vectors import Floats, Mask
 
 Axes = Literal["enu", "pa", "me", "geographic"]
 Level = Literal["total", "scaled", "formal"]
@@ -206,7 +205,7 @@ class Solution(Result):
         return np.asarray(self.rot_pa_to_enu @ self.position_partials)
 
     @property
-    def _involved(self) -> NDArray[np.bool_]:
+    def _involved(self) -> Mask:
         """Mask of the parameters on which the position depends, shape (p,)."""
         return np.asarray((self.position_partials != 0.0).any(axis=0))
 

@@ -7,7 +7,6 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.estimation.consider import (
     A_PRIORI,
@@ -43,6 +42,7 @@ from radioloc.results.solution import Level, Solution, build_card
 from radioloc.results.tables import ellipse_text
 from radioloc.targets.orbit_state import OrbitState, ProcessEstimate
 from radioloc.time import utc_strings
+from radioloc.vectors import Floats
 
 # A card fits a screen; to_dict() has all rows.
 _MAX_ROWS = 6
@@ -187,7 +187,7 @@ def _doppler_lines(solution: Solution) -> Iterator[str]:
     )
 
 
-def _direction(axis_enu: NDArray[np.float64]) -> str:
+def _direction(axis_enu: Floats) -> str:
     """Return azimuth and elevation, in words, of a direction or its opposite, whichever points up."""
     east, north, up = axis_enu * (1.0 if axis_enu[2] >= 0.0 else -1.0)
     azimuth_deg = math.degrees(math.atan2(east, north)) % 360.0

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.errors import InputError, visible
@@ -306,7 +305,7 @@ def position_of(content: Mapping[str, Any]) -> Mapping[str, Any]:
     return position
 
 
-def horizontal_covariance_of(content: Mapping[str, Any]) -> NDArray[np.float64] | None:
+def horizontal_covariance_of(content: Mapping[str, Any]) -> Floats | None:
     """Return the covariance of east and north, m^2, shape (2, 2); None if the position is not determined."""
     covariance = np.array(content["covariance"]["enu_m2"], dtype=np.float64)[:2, :2]
     return covariance if np.isfinite(covariance).all() else None

@@ -14,7 +14,6 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.dynamics import AdjustableOrbit, Impulse
 from radioloc.errors import RadiolocError
@@ -27,7 +26,7 @@ from radioloc.measurements.target_motion import OrbitMotion
 from radioloc.targets.design import first_a_priori_orbit
 from radioloc.targets.orbit_state import RTN
 from radioloc.time import Epochs, tt_to_tdb, utc_strings, utc_to_tt
-from radioloc.vectors import Floats, rtn_axes
+from radioloc.vectors import Floats, Indices, Mask, rtn_axes
 
 logger = logging.getLogger(__name__)
 
@@ -89,7 +88,7 @@ class Manoeuvre:
             "gap_tdb": None if self.gap is None else [str(end) for end in utc_strings(self.gap, 0)],
         }
 
-    def separates(self, observations: Observations) -> NDArray[np.bool_]:
+    def separates(self, observations: Observations) -> Mask:
         """Return True for observations on the other side of the manoeuvre than the epoch of the orbit."""
         since_s = tt_to_tdb(utc_to_tt(observations.epoch)).seconds_since(self.epoch)
         return np.asarray(
@@ -97,7 +96,7 @@ class Manoeuvre:
         )
 
 
-def find_manoeuvres(start: StagedStart, usable: NDArray[np.bool_]) -> list[Manoeuvre]:
+def find_manoeuvres(start: StagedStart, usable: Mask) -> list[Manoeuvre]:
     """Return the first undocumented manoeuvre before and the first after the epoch of an orbit."""
     if not usable.any():
         return []
@@ -116,7 +115,7 @@ def find_manoeuvres(start: StagedStart, usable: NDArray[np.bool_]) -> list[Manoe
             reach_s *= REACH_FACTOR
 
 
-def _find_manoeuvre(start: StagedStart, rows: NDArray[np.intp], x: Floats) -> Manoeuvre | None:
+def _find_manoeuvre(start: StagedStart, rows: Indices, x: Floats) -> Manoeuvre | None:
     """Return the manoeuvre that explains the residuals of some observations, or ``None``."""
     search = _Search(start, start.predictor.select(rows), start.sigma_m[rows])
     guess = search.scan(x)
@@ -182,7 +181,7 @@ class _Search:
         design[:, :6] *= _STATE_SCALES
         return (self.part.observations.value_m - computed.value_m) / self.sigma_m, design
 
-    def has_similar_neighbours(self, ratio: Floats) -> NDArray[np.bool_]:
+    def has_similar_neighbours(self, ratio: Floats) -> Mask:
         """Return False for outliers among their neighbours of the same link."""
         from scipy.ndimage import median_filter
 

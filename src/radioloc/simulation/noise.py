@@ -32,7 +32,7 @@ from radioloc.noise.processes import recursions
 from radioloc.quantities import convert_fields
 from radioloc.simulation.schedule import Plan
 from radioloc.time import utc_to_tai
-from radioloc.vectors import Floats
+from radioloc.vectors import Floats, Indices, Mask
 
 _STEP_TOLERANCE = 1e-6  # of a whole number of steps
 _PROCESSES_PER_DECADE = 2  # of correlation times, for flicker noise
@@ -89,7 +89,7 @@ class Noise:
 
     def series(
         self, n: int, step_s: float, seeds: Sequence[int], label: str, count_s: float = math.nan
-    ) -> tuple[Floats, NDArray[np.bool_]]:
+    ) -> tuple[Floats, Mask]:
         """Return a realization for each seed at n epochs of equal step, m, and its outliers, both (seeds, n).
 
         Series with different labels are independent. `count_s` is the count interval.
@@ -166,7 +166,7 @@ class NoiseModel:
         white_m2, phase_m = np.zeros(n), np.zeros(n)
         link, start, end = np.full(n, ALONE), np.zeros(n, dtype=np.intp), np.ones(n, dtype=np.intp)
         processes: list[Process] = []
-        entries: list[tuple[NDArray[np.intp], int, float]] = []
+        entries: list[tuple[Indices, int, float]] = []
         for number, series in enumerate(NoiseDraws.from_plan(self, plan).series):
             _, rows, slot = series.uses[0]
             begin_s = float(time_s[rows[0]] - series.step_s * slot[0])
@@ -201,7 +201,7 @@ class NoiseModel:
         white_m = np.sqrt(np.where(total_m2 > 0.0, white_m2, observations.sigma_m**2))
         return ObservationCovariance((White(white_m), *terms))
 
-    def draw(self, plan: Plan, seed: int) -> tuple[Floats, NDArray[np.bool_]]:
+    def draw(self, plan: Plan, seed: int) -> tuple[Floats, Mask]:
         """Return a realization for the plan, m, and the observations with outliers, both (n,)."""
         noise_m, is_outlier = NoiseDraws.from_plan(self, plan).draw([seed])
         return noise_m[0], is_outlier[0]
@@ -238,7 +238,7 @@ class NoiseDraws:
                 all_series.setdefault(label, series).uses.append((sign, rows, plan.slot[rows]))
         return cls(len(observations), tuple(all_series.values()))
 
-    def draw(self, seeds: Sequence[int]) -> tuple[Floats, NDArray[np.bool_]]:
+    def draw(self, seeds: Sequence[int]) -> tuple[Floats, Mask]:
         """Return errors, m, and outliers, (seeds, n) each; those of a seed do not depend on the other seeds."""
         for seed in seeds:
             require_seed(seed)
@@ -263,7 +263,7 @@ class _Series:
     step_s: float
     count_s: float
     label: str
-    uses: list[tuple[float, NDArray[np.intp], NDArray[np.int64]]] = field(default_factory=list)
+    uses: list[tuple[float, Indices, NDArray[np.int64]]] = field(default_factory=list)
 
 
 def steps_in_count(count_s: float, step_s: float) -> int:

@@ -24,6 +24,7 @@ from radioloc.quantities import accepts_quantities, convert_fields
 from radioloc.simulation.visibility import AtInfinity, Masks, Sight, Target
 from radioloc.time import Epochs, epochs_from_strings, utc_to_tai, utc_to_tt
 from radioloc.units import set_fields
+from radioloc.vectors import Indices, Mask
 
 Pair = tuple[str, str]
 
@@ -179,7 +180,7 @@ class Plan:
     slot: NDArray[np.int64]  #: index into all epochs of the session, shape (n,)
     pair: NDArray[np.int64]  #: index into the pairs of the session, shape (n,)
 
-    def select(self, rows: NDArray[np.intp]) -> Plan:
+    def select(self, rows: Indices) -> Plan:
         """Return the plan of some observations."""
         columns = self.session[rows], self.slot[rows], self.pair[rows]
         return Plan(self.observations.select(rows), self.sessions, *columns)
@@ -245,7 +246,7 @@ class Planner:
         _refuse_overlaps(observations)
         return Plan(observations, tuple(sessions), session[order], slot[order], pair[order])
 
-    def measured(self, plan: Plan, targets: Mapping[str, Target]) -> NDArray[np.bool_]:
+    def measured(self, plan: Plan, targets: Mapping[str, Target]) -> Mask:
         """Return the mask of the observations of a plan, with a target in each session, that targets allow, (n,)."""
         measured = [self._measured(number, target) for number, _, target in self._cases(targets)]
         sizes = np.array([of_session.size for of_session in measured])
@@ -283,7 +284,7 @@ class Planner:
         name = self.model.catalogue.get
         return [(first and name(first).name, target, name(second).name) for first, second in session.pairs]
 
-    def _measured(self, number: int, target_pa_m: Target | AtInfinity) -> NDArray[np.bool_]:
+    def _measured(self, number: int, target_pa_m: Target | AtInfinity) -> Mask:
         """Return at which epochs of a session its pairs measure a target, shape (epochs, pairs)."""
         session = self.schedule.sessions[number]
         pairs = [(first or second, second) for first, _, second in self._ends(session, "")]

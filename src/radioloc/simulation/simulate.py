@@ -7,7 +7,6 @@ from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.dynamics import AdjustableOrbit
 from radioloc.ephemeris.trajectory import AnyTrajectory
@@ -37,7 +36,7 @@ from radioloc.simulation.visibility import tracked_target
 from radioloc.targets.design import effects_on_orbit
 from radioloc.targets.target import TargetDescription
 from radioloc.time import Epochs, tai_to_utc, utc_strings, utc_to_tai
-from radioloc.vectors import Floats
+from radioloc.vectors import Floats, Mask
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,7 +53,7 @@ class Simulated:
     drawn: dict[str, float]  #: drawn errors by parameter
     drawn_m: Floats  #: their effects
     noise_m: Floats
-    is_outlier: NDArray[np.bool_]
+    is_outlier: Mask
     notes: tuple[str, ...] = ()  #: types without noise, and complexes of which all antennas take part
 
     @property

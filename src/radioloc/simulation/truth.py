@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.dynamics import AdjustableOrbit
 from radioloc.ephemeris.trajectory import AnyTrajectory
@@ -34,7 +33,7 @@ from radioloc.targets.surface_point import SurfacePoint, cartesian
 from radioloc.targets.target import TargetDescription
 from radioloc.time import epochs_from_strings, utc_to_tai
 from radioloc.units import set_fields
-from radioloc.vectors import Floats
+from radioloc.vectors import Floats, Indices
 
 _MAX_ERRORS = {
     "clock": (0.01, "the curvature of a range then is below 4 micrometres"),
@@ -168,7 +167,7 @@ class DrawnErrors:
             np.concatenate([self.partials, effects.T]),
         )
 
-    def rows(self, rows: NDArray[np.intp]) -> DrawnErrors:
+    def rows(self, rows: Indices) -> DrawnErrors:
         """Return the errors for some of the observations."""
         return replace(self, partials=self.partials[:, rows])
 

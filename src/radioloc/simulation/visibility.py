@@ -11,7 +11,6 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.constants import C_M_S, MEAN_LUNAR_RADIUS_M, SECONDS_PER_DAY
 from radioloc.earth.geodesy import rot_itrf_to_enu
@@ -30,7 +29,7 @@ from radioloc.time import (
     utc_strings,
     utc_to_tai,
 )
-from radioloc.vectors import Floats, cross, dot, length
+from radioloc.vectors import Floats, Indices, Mask, cross, dot, length
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -218,7 +217,7 @@ class Sight:
         self._model, self._stations, self._tt = model, stations, tt
         self._frames: dict[int, list[StationFrames]] = {}
 
-    def is_visible(self, target_pa_m: Target | AtInfinity, masks: Masks) -> NDArray[np.bool_]:
+    def is_visible(self, target_pa_m: Target | AtInfinity, masks: Masks) -> Mask:
         """Return True for visible stations and target above the masks, shape (n, k)."""
         # Dense series are first computed once a minute. The sign cannot change between two margins a and b of one sign
         # if |a| + |b| exceeds the largest change in that time; otherwise all epochs between are computed. The
@@ -250,7 +249,7 @@ class Sight:
             out[doubtful] = margin_rad(self._frames_at(doubtful)) >= 0.0
         return out
 
-    def _frames_at(self, rows: NDArray[np.intp]) -> Iterator[StationFrames]:
+    def _frames_at(self, rows: Indices) -> Iterator[StationFrames]:
         for part in np.split(rows, range(_BLOCK_EPOCHS, len(rows), _BLOCK_EPOCHS)):
             yield StationFrames.at_epochs(self._model, self._stations, self._tt[part])
 

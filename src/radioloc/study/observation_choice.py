@@ -12,7 +12,6 @@ from pathlib import Path, PurePath
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.constants import C_M_S
 from radioloc.earth.stations import StationCatalogue
@@ -26,7 +25,7 @@ from radioloc.study.map_positions import PlaceOnMap
 from radioloc.study.schema import check, entry
 from radioloc.time import Epochs, utc_to_tai
 from radioloc.units import set_fields
-from radioloc.vectors import Floats
+from radioloc.vectors import Floats, Indices, Mask
 
 _WEIGHT_ADVICE = (
     "it is of the observations that type, stations and files choose; sigmas by type, of files that state none, belong "
@@ -97,7 +96,7 @@ def weighted_observations(
     return replace(observations, sigma_m=sigma_m)
 
 
-def rows_by_station(observations: Observations, catalogue: StationCatalogue) -> dict[str, NDArray[np.bool_]]:
+def rows_by_station(observations: Observations, catalogue: StationCatalogue) -> dict[str, Mask]:
     """Return masks of the observations of each station, by its name."""
     ends = link_stations(observations.links, catalogue)
     names = sorted(set().union(*(ends[k] for k in np.unique(observations.link))))
@@ -125,7 +124,7 @@ def require_stations(
             )
 
 
-def _rows(observations: Observations, weight: Weight, catalogue: StationCatalogue) -> NDArray[np.bool_]:
+def _rows(observations: Observations, weight: Weight, catalogue: StationCatalogue) -> Mask:
     rows = np.ones(len(observations), dtype=bool)
     if weight.type is not None:
         rows &= np.isin(observations.kind, [KINDS.index(kind) for kind in weight.type])
@@ -168,7 +167,7 @@ class Uplink:
         if self.turnaround is not None and min(self.turnaround) <= 0:
             raise InputError(f"turnaround: expected two numbers above zero, got {self.turnaround}")
 
-    def rows(self, observations: Observations, catalogue: StationCatalogue) -> NDArray[np.intp]:
+    def rows(self, observations: Observations, catalogue: StationCatalogue) -> Indices:
         """Return the rows of Doppler of this pass."""
         receiver = catalogue.get(self.receiver).name
         received = [
@@ -208,7 +207,7 @@ def with_uplinks(
     return observations
 
 
-def with_transmitter(observations: Observations, rows: NDArray[np.intp], station: str) -> Observations:
+def with_transmitter(observations: Observations, rows: Indices, station: str) -> Observations:
     """Return observations with another transmitter in some rows; one-way and differenced links stay."""
     links = {link: k for k, link in enumerate(observations.links)}
     new_links = (
@@ -222,7 +221,7 @@ def with_transmitter(observations: Observations, rows: NDArray[np.intp], station
     return replace(observations, links=tuple(links), link=column)
 
 
-def with_turnaround(observations: Observations, rows: NDArray[np.intp], ratio: float | None) -> Floats:
+def with_turnaround(observations: Observations, rows: Indices, ratio: float | None) -> Floats:
     """Return the values of some rows for another turnaround ratio and the same received frequency, m."""
     value_m = observations.value_m[rows]
     if ratio is None:

@@ -8,7 +8,6 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.dynamics import BODIES, STATE, Acceleration, Forces, GravityField, Impulse
 from radioloc.dynamics.elements import ELEMENT_NAMES
@@ -17,6 +16,7 @@ from radioloc.errors import InputError
 from radioloc.study.orbiter import GRAVITY_ERROR_DEGREE, GRAVITY_ERRORS
 from radioloc.study.schema import TomlTable, check, entry
 from radioloc.targets.orbit import RTN
+from radioloc.vectors import Floats
 
 EMPIRICAL = ("none", "constant", "once_per_revolution")
 EMPIRICAL_NAME = "empirical"
@@ -126,7 +126,7 @@ class ProcessNoise:
             )
 
     @property
-    def sigma_m_s2(self) -> NDArray[np.float64]:
+    def sigma_m_s2(self) -> Floats:
         """Sigmas of the radial, along and across accelerations, m/s2, shape (3,)."""
         return np.array([self.radial_m_s2, self.along_m_s2, self.across_m_s2])
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 from numpy.random import Generator
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.dynamics import AdjustableOrbit, Forces
@@ -25,8 +25,7 @@ from radioloc.targets.descent import Ground
 from radioloc.targets.orbit import GravityErrors
 from radioloc.time import Epochs, tt_to_tdb, utc_strings, utc_to_tt
 from radioloc.units import set_fields
-
-Floats = NDArray[np.float64]
+from radioloc.vectors import Floats
 
 AXES = ("equator", "ICRF")  # Reference axes of the angles of elements
 GRAVITY_ERRORS = 12  # Draws that determine a sigma to a fifth

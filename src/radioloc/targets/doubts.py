@@ -10,14 +10,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.constants import LUNAR_HEIGHT_LIMITS_M, MEAN_LUNAR_RADIUS_M
 from radioloc.estimation.status import Doubt, FitStatus
 from radioloc.lunar.frames import earth_elevation_rad
 from radioloc.measurements.predictor import Predictor
 from radioloc.time import tt_to_tdb, utc_to_tt
-from radioloc.vectors import Floats
+from radioloc.vectors import Floats, Indices, Mask
 
 MIN_EARTH_ELEVATION_DEG = -8.0
 """Lowest elevation of the Earth for a point that sees it: 6.4 deg below the horizontal from the highest terrain, 1 deg
@@ -34,13 +33,13 @@ class FittedObservations:
 
     predictor: Predictor
     target: int
-    usable: NDArray[np.bool_]  # (n,), of all targets, as the next three
-    used: NDArray[np.bool_]
+    usable: Mask  # (n,), of all targets, as the next three
+    used: Mask
     residual_m: Floats
     elevation_deg: Floats  # lower of the stations' elevations
 
     @property
-    def rows(self) -> NDArray[np.intp]:
+    def rows(self) -> Indices:
         """Observations of the target."""
         return np.flatnonzero(self.predictor.target == self.target)
 

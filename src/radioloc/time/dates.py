@@ -18,7 +18,7 @@ from radioloc.constants import SECONDS_PER_DAY, UNIX_JD, UTC_JD
 from radioloc.errors import InputError
 from radioloc.time.epochs import Epochs
 from radioloc.time.scales import to_scale, utc_to_tai
-from radioloc.vectors import Floats
+from radioloc.vectors import Floats, Mask
 
 _DATE = re.compile(
     r"(?P<year>\d{4})-(?:(?P<month>\d\d)-(?P<day>\d\d)|(?P<day_of_year>\d{3}))"
@@ -76,7 +76,7 @@ def epochs_from_strings(dates: str | Sequence[str], scale: str) -> Epochs:
 def read_dates(texts: Sequence[str], scale: str) -> Epochs:
     """Read dates, a million in a second; a :class:`DateError` names the first wrong one."""
 
-    def refuse(wrong: NDArray[np.bool_], problem: str) -> None:
+    def refuse(wrong: Mask, problem: str) -> None:
         if wrong.any():
             row = int(np.argmax(wrong))
             raise DateError(texts[row], problem, row)

@@ -21,7 +21,7 @@ from radioloc.errors import FileFormatError, InputError
 from radioloc.io.frequencies import MAX_DURATION_S
 from radioloc.time import Epochs, epochs_from_strings, to_scale, utc_to_tai
 from radioloc.time.dates import DateError, read_dates
-from radioloc.vectors import Floats
+from radioloc.vectors import Floats, Indices
 
 NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 # Functions from a value of the file to the standard's spelling; ValueError for one that is not allowed.
@@ -185,7 +185,7 @@ class TdmSegment:
     comments: tuple[str, ...] = ()
     data_comments: tuple[str, ...] = ()
 
-    def rows(self, keyword: str) -> NDArray[np.intp]:
+    def rows(self, keyword: str) -> Indices:
         """Return the rows of a keyword."""
         return np.flatnonzero(self.keyword == CODE[keyword])
 

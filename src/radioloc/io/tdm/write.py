@@ -22,7 +22,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.constants import C_M_S
 from radioloc.errors import InputError
@@ -47,7 +46,7 @@ from radioloc.measurements.registry import KINDS, MEASUREMENTS, TIME_TAGS
 from radioloc.text_files import write_blocks
 from radioloc.time import Epochs, utc_to_tai
 from radioloc.time.dates import utc_to_text
-from radioloc.vectors import Floats
+from radioloc.vectors import Floats, Indices, Mask
 
 RANGE_UNIT_S = 1e-9
 """Length of a range unit that is written, s; readers of the message need it as an agreement."""
@@ -122,7 +121,7 @@ def to_tdm(observations: Observations, header: TdmHeader) -> TdmFile:
 
 
 def _require_writable(observations: Observations) -> None:
-    def refuse(rows: NDArray[np.bool_], problem: str) -> None:
+    def refuse(rows: Mask, problem: str) -> None:
         if rows.any():
             row = int(np.argmax(rows))
             raise InputError(f"observation {row + 1} ({observations.origin(row)}) {problem}")
@@ -142,7 +141,7 @@ def _require_writable(observations: Observations) -> None:
             refuse(rows & ~np.isnan(observations.uplink_hz), f"is a {name} with an uplink; leave that out")
 
 
-def _groups(observations: Observations) -> Iterator[NDArray[np.intp]]:
+def _groups(observations: Observations) -> Iterator[Indices]:
     """Yield the rows of each segment, with the same metadata and the same recorded columns, in order of time."""
     differenced = np.array([link.differenced for link in observations.links])[observations.link]
     alike = [

@@ -62,8 +62,7 @@ LUNAR_AXES = {
 }
 """Axes by NAIF code. The first of two codes of the same axes is written."""
 
-_FRAMES = {code: LUNAR_AXES[code].frame for code in (31006, 31008)}
-"""Axes of binary PCKs."""
+_FRAMES = {code: LUNAR_AXES[code].frame for code in (31006, 31008)}  # Axes of binary PCKs
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -34,8 +34,7 @@ MIN_REVEALED_FRACTION = 1e-3
 """Smallest part of the square of a column outside the span of the design matrix. Below it an error must be 30 times
 larger to be found than with known parameters, 150 times its a-priori sigma or more."""
 
-_MAX_ROUNDING_FRACTION = 0.1
-"""Largest rounding, of itself, of a change of the position that is not zero."""
+_MAX_ROUNDING_FRACTION = 0.1  # Largest rounding, of itself, of a change of the position that is not zero
 
 
 @dataclass(frozen=True, slots=True)

@@ -29,8 +29,7 @@ from radioloc.vectors import Floats
 FIRST_SITE = 301001
 """NAIF code of the first site on the Moon; those of the Earth begin with 399001."""
 _MOON = 301
-_PRINCIPAL_AXES = {"PA_DE421": 31006, "PA_DE440": 31008}
-"""NAIF's frame codes in its binary PCKs of the Moon."""
+_PRINCIPAL_AXES = {"PA_DE421": 31006, "PA_DE440": 31008}  # NAIF's frame codes in its binary PCKs of the Moon
 _MEAN_EARTH = {"PA_DE421": ("MOON_ME_DE421", 31007), "PA_DE440": ("MOON_ME_DE440_ME421", 31009)}
 _PCK_CLASS, _FIXED_CLASS = 2, 4  # SPICE's classes of frames
 _HALF_SPAN_S = 3.2e9  # before and after J2000: 1898 to 2101

@@ -40,8 +40,7 @@ if TYPE_CHECKING:
 _MAX_PANELS = 12
 _MAX_CORRELATED = 40
 _MAX_NUMBERED = 12  # parameters, with numbers in the cells of the matrix
-_MAX_SOURCES = 9
-"""Number of bars of an error budget; the smallest sources share the last."""
+_MAX_SOURCES = 9  # Number of bars of an error budget; the smallest sources share the last
 
 
 @draws_names_literally

@@ -193,8 +193,7 @@ ENVELOPE_NOTE = (
 )
 """Note below a figure with an envelope."""
 _REJECTED_COLOR = "#B00020"
-_MAX_VECTOR_MARKS = 800
-"""Number of marks in a panel above which a vector file contains them as an image."""
+_MAX_VECTOR_MARKS = 800  # Number of marks in a panel above which a vector file contains them as an image
 _EDGE = 0.93  # of the half height: position of the marks of observations beyond the panel
 _LEGEND_STRIP = 1.3  # half heights from the middle to the lower edge of a panel with a legend
 _MAX_TITLE_CHARACTERS = 58  # room above a panel

@@ -146,17 +146,17 @@ def test_several_studies_are_fitted_one_after_another(folder, capsys):
     assert cli.main(["locate", *paths, "--out", str(folder / "out"), "--quiet"]) == 3
     outcome = capsys.readouterr()
     assert outcome.out == ""
-    few, bad = outcome.err.splitlines()
-    assert few.startswith("radioloc: few: NOT OBSERVABLE")
+    unobservable, bad = outcome.err.splitlines()
+    assert unobservable.startswith("radioloc: few: NOT OBSERVABLE")
     assert bad.startswith("radioloc: bad: ")
     assert {path.parent.name for path in folder.glob("out/*/solution.json")} == {"few", "good"}
     assert cli.main(["residuals", *paths[1:], "--json"]) == 2
     [solution] = json.loads(capsys.readouterr().out)
     assert solution["name"] == "good"
-    again = folder / "again" / "good.toml"
-    again.parent.mkdir()
-    again.write_text(study_of("../d.csv"), encoding="utf-8")
-    assert cli.main(["residuals", paths[2], str(again), "--out", str(folder / "both"), "--quiet"]) == 0
+    same_name = folder / "again" / "good.toml"
+    same_name.parent.mkdir()
+    same_name.write_text(study_of("../d.csv"), encoding="utf-8")
+    assert cli.main(["residuals", paths[2], str(same_name), "--out", str(folder / "both"), "--quiet"]) == 0
     assert {path.parent.name for path in folder.glob("both/*/residuals.csv")} == {folder.name, "again"}
     for unclear in ([paths[2], paths[2]], [*paths[1:], "--sinex", "x.snx"]):
         with pytest.raises(SystemExit):

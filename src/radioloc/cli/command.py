@@ -75,7 +75,7 @@ class Argument:
     keywords: Mapping[str, Any]
 
 
-def argument(usage: str, text: str, kind: type = str, **more: Any) -> Argument:
+def argument(usage: str, text: str, kind: type = str, **keywords: Any) -> Argument:
     """Return an option or a positional argument of a type from its name and placeholders.
 
     Keywords beside these are those of :meth:`argparse.ArgumentParser.add_argument`.
@@ -88,7 +88,7 @@ def argument(usage: str, text: str, kind: type = str, **more: Any) -> Argument:
     """
     name, *places = usage.split()
     metavar = tuple(places) if len(places) > 1 else places[0] if places else None
-    return Argument((name,), {"metavar": metavar, "help": text, "type": kind, **more})
+    return Argument((name,), {"metavar": metavar, "help": text, "type": kind, **keywords})
 
 
 def flag(name: str, text: str, *short: str) -> Argument:

@@ -22,10 +22,10 @@ _OUT = argument(
 )
 
 
-def observation_file(usage: str, **more: Any) -> Argument:
+def observation_file(usage: str, **keywords: Any) -> Argument:
     """Return a file of observations to write."""
     text = "file to write: .csv, .parquet, .tdm or .kvn; - for standard output"
-    return argument(usage, text, Path, **more)
+    return argument(usage, text, Path, **keywords)
 
 
 MESSAGE = (

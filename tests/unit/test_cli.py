@@ -571,7 +571,7 @@ def test_starter_study_runs_at_once(kind, tmp_path, monkeypatch, capsys):
 def test_starter_study_of_landers_elsewhere(sites, tmp_path, capsys):
     path = tmp_path / "plan.toml"
     options = [text for site in sites for text in ("--at", *map(str, site))]
-    assert cli.main(["new", "lander", str(path), *options]) == 0
+    assert cli.main(["new", "lander", "--out", str(path), *options]) == 0
     study = radioloc.read_study(path)
     assert [place.selenographic for place in study.all_targets.values()] == [
         pytest.approx(site) for site in sites

@@ -34,9 +34,8 @@ _HEIGHT_PRIOR = "height_prior = {{ height_m = {}, sigma_m = 20.0 }}   # from a m
 @command(
     "new",
     argument("kind", "target of the study", choices=STARTERS),
-    argument(
-        "out STUDY.toml", "study file to write (default: the target's name in this folder)", Path, nargs="?"
-    ),
+    argument("study STUDY.toml", "study file to write (default: the target's name)", Path, nargs="?"),
+    argument("--out FILE", "the same as STUDY.toml", Path),
     argument(
         "--at LON LAT HEIGHT",
         "place of a lander: ME_DE421, m above 1737.4 km; repeat it for several landers",
@@ -49,7 +48,7 @@ _HEIGHT_PRIOR = "height_prior = {{ height_m = {}, sigma_m = 20.0 }}   # from a m
 )
 def new(options: argparse.Namespace) -> int:
     """Write a commented starter study, with a plan of simulated tracking to try it."""
-    study: Path = options.out or Path(f"{options.kind}.toml")
+    study: Path = options.out or options.study or Path(f"{options.kind}.toml")
     require_ending(study, (".toml",))
     if study.exists():
         raise InputError(f"{study}: the file exists; give another name")

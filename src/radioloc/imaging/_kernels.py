@@ -90,7 +90,7 @@ def resampled(
     place, first, part = np.empty(2), np.empty(2, np.int64), np.empty(2)
     for row in range(shown.shape[0]):
         i, u = row // step, (row % step) / step
-        below = min(i + 1, nodes.shape[0] - 1)
+        next_row = min(i + 1, nodes.shape[0] - 1)
         for column in range(shown.shape[1]):
             if not shown[row, column]:
                 continue
@@ -98,7 +98,7 @@ def resampled(
             right = min(j + 1, nodes.shape[1] - 1)
             for k in range(2):
                 upper = (1.0 - v) * nodes[i, j, 1 - k] + v * nodes[i, right, 1 - k]
-                lower = (1.0 - v) * nodes[below, j, 1 - k] + v * nodes[below, right, 1 - k]
+                lower = (1.0 - v) * nodes[next_row, j, 1 - k] + v * nodes[next_row, right, 1 - k]
                 place[k] = (1.0 - u) * upper + u * lower
             y, x = math.floor(place[0] + 0.5), math.floor(place[1] + 0.5)
             shown[row, column] = 0 <= y < size[0] and 0 <= x < size[1] and usable[int(y), int(x)]

@@ -37,11 +37,11 @@ def _warn_of_second_troposphere(
     )
 
     def sum_m(name: str) -> float:
-        with_medium, without = (
-            ExactPredictor(each, some, motions, targets).compute().value_m
-            for each in (model, model.without(name))
+        with_medium, without_medium = (
+            ExactPredictor(physical, some, motions, targets).compute().value_m
+            for physical in (model, model.without(name))
         )
-        return float(np.nansum(np.abs(with_medium - without)))
+        return float(np.nansum(np.abs(with_medium - without_medium)))
 
     for name in added:
         if 0.5 < sum_m(name) / (sum_m("troposphere") or np.inf) < 2.0:

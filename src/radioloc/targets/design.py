@@ -155,7 +155,7 @@ class ObservationModel:
         design = DesignMatrix(self, prediction, motions, x, residual_m)
         n, first = len(residual_m), self.first
         if n * len(x) <= _MAX_KEPT_ELEMENTS:
-            design = replace(design, kept=design.partials(np.arange(n)))
+            design = replace(design, all_partials=design.partials(np.arange(n)))
         elif n >= _MIN_SMOOTH_ROWS and self.process is None:
             design = replace(design, smooth=self._smooth(design))
         if x[first:].any():
@@ -196,7 +196,7 @@ class DesignMatrix:
     x: Floats
     residual_m: Floats  # observed - computed, of an orbit without its stochastic accelerations
     smooth: SmoothPartials | None = None  # of a long arc
-    kept: Floats | None = None  # partials of all observations of a short arc
+    all_partials: Floats | None = None  # partials of all observations of a short arc
 
     @property
     def process(self) -> StochasticAccelerations | None:
@@ -215,10 +215,10 @@ class DesignMatrix:
 
     def _partials(self, rows: Rows, targets: int, kinds: int) -> Floats:
         """Return partials with respect to the first targets and kinds of parameter."""
-        if self.kept is not None:
+        if self.all_partials is not None:
             first = 0 if targets else self.model.first
             last = self.model.first + sum(map(len, self.model.columns[:kinds]))
-            return self.kept.T[first:last].take(rows, axis=1).T
+            return self.all_partials.T[first:last].take(rows, axis=1).T
         columns = partial(self._simple, first=targets, kinds=self.model.columns[:kinds])
         if isinstance(self.prediction, CombinedPrediction):
             return self.prediction.combine(rows, columns)

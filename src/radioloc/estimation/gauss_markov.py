@@ -416,9 +416,10 @@ def filtered(
 
 def _eliminated(products: Floats) -> tuple[Floats, Floats]:
     """Log det(1 + A^T A) and the squares left of r, from products (..., m, m) of columns A and, last, r."""
-    normal, side = products[..., :-1, :-1] + np.eye(products.shape[-1] - 1), products[..., :-1, -1:]
-    absorbed = (side * np.linalg.solve(normal, side)).sum(axis=(-2, -1))
-    return np.linalg.slogdet(normal)[1], products[..., -1, -1] - absorbed
+    augmented = products + np.eye(products.shape[-1])
+    augmented[..., -1, -1] = 2.0 * products[..., -1, -1]  # positive definite, even if A explains all of r
+    pivots = np.diagonal(np.linalg.cholesky(augmented), axis1=-2, axis2=-1)
+    return 2.0 * np.log(pivots[..., :-1]).sum(axis=-1), pivots[..., -1] ** 2 - products[..., -1, -1]
 
 
 def mean_correlation(width_s: float | Floats, tau_s: Floats) -> Floats:

@@ -32,19 +32,12 @@ def _warn_of_second_troposphere(
     added = [medium.name for medium in model.media if medium.name not in _PACKAGED_MEDIA]
     if not (added and model.has("troposphere")):
         return
-    some = observations.select(
-        np.unique(np.linspace(0, len(observations) - 1, _SAMPLE_COUNT).astype(np.intp))
-    )
-
-    def sum_m(name: str) -> float:
-        with_medium, without_medium = (
-            ExactPredictor(physical, some, motions, targets).compute().value_m
-            for physical in (model, model.without(name))
-        )
-        return float(np.nansum(np.abs(with_medium - without_medium)))
-
+    rows = np.unique(np.linspace(0, len(observations) - 1, _SAMPLE_COUNT).astype(np.intp))
+    sample = ExactPredictor(model, observations.select(rows), motions, targets)
+    effects_m = sample.terms(names=("troposphere", *added))
+    sum_m = {name: float(np.nansum(np.abs(effect_m))) for name, effect_m in effects_m.items()}
     for name in added:
-        if 0.5 < sum_m(name) / (sum_m("troposphere") or np.inf) < 2.0:
+        if 0.5 < sum_m[name] / (sum_m["troposphere"] or np.inf) < 2.0:
             advice = f'switch one off: [model] off = ["troposphere"] or ["{name}"]'
             text = f"medium {name} delays signals as much as the built-in troposphere, and both are applied"
             warnings.warn(f"{text}; {advice}", PluginWarning, stacklevel=3)

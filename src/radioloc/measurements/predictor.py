@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any, Protocol, Self
 
@@ -216,17 +216,17 @@ class Predictor(ABC):
         arc.observations = replace(self.observations, value_m=value_m)
         return arc
 
-    def terms(self, motions: MotionsLike | None = None) -> dict[str, Floats]:
-        """Return the effect of each active term on each computed value, m, shape (n,).
+    def terms(self, motions: MotionsLike | None = None, names: Iterable[str] = TERMS) -> dict[str, Floats]:
+        """Return the effect of each active term, of those named, on each computed value, m, shape (n,).
 
-        The effect is the value with all terms less the value without the term, in the order of
-        :data:`~radioloc.measurements.physical_model.TERMS`.
+        The effect is the value with all terms less the value without the term, in the order of the names, by default
+        that of :data:`~radioloc.measurements.physical_model.TERMS`.
         """
         all_motions = self._given(motions)
         full_m = self.predict(all_motions).value_m
         has_lander = any(motion.trajectory is None for motion in all_motions)
         table = {}
-        for name in TERMS:
+        for name in names:
             if self.model.has(name) and (has_lander or name not in _LANDER_TERMS):
                 reduced = self.with_model(self.model.without(name), all_motions)
                 table[name] = full_m - reduced.predict(all_motions).value_m

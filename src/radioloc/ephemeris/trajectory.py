@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Protocol, runtime_checkable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.constants import J2000_JD, SECONDS_PER_DAY
 from radioloc.ephemeris.orientation import LUNAR_AXES, LunarAxes
@@ -24,7 +23,7 @@ from radioloc.kernels.files import sha256_of
 from radioloc.kernels.spk_types import StateSeries, read_states
 from radioloc.quantities import EpochsLike, accepts_quantities
 from radioloc.time import Epochs
-from radioloc.vectors import Floats
+from radioloc.vectors import Floats, Indices
 
 _M_PER_KM = 1000.0
 _ICRF, _ICRF_CODE = "J2000", 1  # SPICE's name and code of the ICRF
@@ -188,14 +187,14 @@ class Trajectory:
             "use a trajectory that covers these epochs, or exclude them (start, stop, hours)",
         )
 
-    def segment_indices(self, et_s: Floats) -> NDArray[np.intp]:
+    def segment_indices(self, et_s: Floats) -> Indices:
         """Return the index of the last segment that covers each epoch, as in SPICE; -1 for uncovered epochs."""
         indices = np.full(len(et_s), -1)
         for k, segment in enumerate(self.segments):
             indices[(segment.start_s <= et_s) & (et_s <= segment.end_s)] = k
         return indices
 
-    def states(self, et_s: Floats, indices: NDArray[np.intp]) -> Floats:
+    def states(self, et_s: Floats, indices: Indices) -> Floats:
         """Return states relative to the segments' centres in the ICRF, km and km/s, shape (n, 6)."""
         states = np.empty((len(et_s), 6))
         for k in np.unique(indices).tolist():

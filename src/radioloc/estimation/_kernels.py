@@ -7,11 +7,9 @@ as long.
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.compiled import compiled
-
-Floats = NDArray[np.float64]
+from radioloc.vectors import Floats
 
 _LOGARITHM_STEP = 16  # innovation variances, below 1e15, that are multiplied before a logarithm is taken
 

@@ -29,7 +29,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from radioloc.errors import InputError
 from radioloc.estimation.gauss_markov import SeriesWeight
@@ -44,7 +44,7 @@ from radioloc.noise.covariance import ObservationCovariance
 from radioloc.noise.whitening import Rows
 from radioloc.parameters.parameter import ParameterSet
 from radioloc.quantities import accepts_quantities
-from radioloc.vectors import Floats
+from radioloc.vectors import Floats, Indices, Mask
 
 THRESHOLD = 5.0  # sigmas; of normal residuals one in 1.7 million is larger
 _MIN_THRESHOLD = 2.0  # sigmas; a smaller one rejects more than 4.5 % of the good observations
@@ -83,7 +83,7 @@ class EditedFit:
         return with_reasons(self.initial_status, reasons)
 
     @property
-    def outliers(self) -> NDArray[np.bool_]:
+    def outliers(self) -> Mask:
         """Mask of the observations that are rejected by size alone, without a cause, shape (n,)."""
         outliers = self.initial_status.are(USED) & ~self.fit.used
         outliers[list(self.reasons)] = False
@@ -116,7 +116,7 @@ def fit_with_editing(
     threshold: float | None = THRESHOLD,
     previous: EditedFit | None = None,
     start: Floats | None = None,
-    series: NDArray[np.intp] | None = None,
+    series: Indices | None = None,
 ) -> EditedFit:
     """Estimate parameters and reject outliers until the set of used observations stays the same.
 
@@ -148,7 +148,7 @@ def fit_with_editing(
             residual_function, parameters, noise.sigma_m, editor.usable, linearization, x
         )
         residual_m = linearization.residual_m
-    scale, selections, start_outlier_count = editor.scale(residual_m), list[NDArray[np.bool_]](), 0
+    scale, selections, start_outlier_count = editor.scale(residual_m), list[Mask](), 0
     while True:
         limit_m = threshold * max(1.0, scale) * noise.sigma_m
         if last_fit is not None and process is None:  # leverages of process noise are not in the partials
@@ -218,7 +218,7 @@ def run_reasons(edited: EditedFit, runs: Iterable[Rows]) -> dict[int, str]:
 class _Selection(NamedTuple):
     """Observations to use in the next fit, which is the last if there is a message."""
 
-    used: NDArray[np.bool_]
+    used: Mask
     message: str = ""
     is_settled: bool = True  # False if the message says why the editing ends early
 
@@ -230,8 +230,8 @@ class _Editor:
     residual_function: ResidualFunction
     parameters: ParameterSet
     noise: ObservationCovariance
-    usable: NDArray[np.bool_]  # (n,), mask of the observations that may be used
-    series: NDArray[np.intp] | None  # (n,), indices of links
+    usable: Mask  # (n,), mask of the observations that may be used
+    series: Indices | None  # (n,), indices of links
 
     @property
     def unconstrained_count(self) -> int:
@@ -247,7 +247,7 @@ class _Editor:
         """Largest number of outliers among observations; they are detectable only if the others are redundant."""
         return min(int(_MAX_REJECTED_FRACTION * count), count - self.unconstrained_count - 1)
 
-    def are_too_many(self, outliers: NDArray[np.bool_]) -> bool:
+    def are_too_many(self, outliers: Mask) -> bool:
         """Return whether outliers (n,) are too many to be rejected; series that are wrong as a whole do not count."""
         if outliers.sum() <= self.max_rejected or self.series is None:
             return bool(outliers.sum() > self.max_rejected)
@@ -257,7 +257,7 @@ class _Editor:
         is_majority = 2 * right_count > count.sum()
         return not (is_majority and outlier_count[is_right].sum() <= self.max_outliers(right_count))
 
-    def fit(self, used: NDArray[np.bool_], x: Floats, linearization: Linearization) -> FitResult:
+    def fit(self, used: Mask, x: Floats, linearization: Linearization) -> FitResult:
         """Estimate the parameters from the used observations."""
         return fit_least_squares(
             self.residual_function,
@@ -282,9 +282,7 @@ class _Editor:
         return _Selection(self.usable, message, is_settled=False)
 
 
-def _studentized_limits(
-    fit: FitResult, residual_m: Floats, limit_m: Floats, usable: NDArray[np.bool_]
-) -> Floats:
+def _studentized_limits(fit: FitResult, residual_m: Floats, limit_m: Floats, usable: Mask) -> Floats:
     """Multiply limits (n,) by sqrt(1 - h), or sqrt(1 + h) for rejected observations.
 
     With limits of unscaled residuals, rejections of observations of high leverage would depend on the start of the fit.
@@ -297,7 +295,7 @@ def _studentized_limits(
     return limit_m
 
 
-def _break_rejection_cycle(used: NDArray[np.bool_], selections: list[NDArray[np.bool_]]) -> _Selection:
+def _break_rejection_cycle(used: Mask, selections: list[Mask]) -> _Selection:
     """Return a new selection as it is; for an earlier one, the intersection of the cycle that it begins.
 
     Without this rule, the editing of residuals with heavy tails can alternate for ever.

@@ -28,7 +28,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from radioloc.errors import InputError
 from radioloc.estimation.gauss_markov import TimeCorrelation
@@ -55,7 +55,7 @@ from radioloc.noise.covariance import ObservationCovariance
 from radioloc.noise.whitening import Rows, RowsOf, StructuredWhitener, Whitener, column, slices
 from radioloc.parameters.parameter import ParameterSet
 from radioloc.quantities import accepts_quantities
-from radioloc.vectors import Floats
+from radioloc.vectors import Floats, Mask
 
 _MAX_ITERATIONS = 30
 _STEP_TOLERANCE = 1e-3  # formal sigmas times sqrt(J/n); a step of s sigmas lowers J by s^2
@@ -79,7 +79,7 @@ class FitResult:
     covariance: Floats
     linearization: Linearization  # at x, of all observations
     noise: ObservationCovariance  # stated R of all observations
-    used: NDArray[np.bool_]  # (n,)
+    used: Mask  # (n,)
     chi2: float  # weighted sum of squares of used observations and a-priori values
     dof: int  # used observations and a-priori values less determined directions
     status: FitStatus

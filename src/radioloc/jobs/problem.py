@@ -17,7 +17,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.errors import InputError, error_context
 from radioloc.estimation.consider import UnestimatedErrors
@@ -51,7 +50,7 @@ from radioloc.study.study import EstimateChoice, Study
 from radioloc.targets.design import ObservationModel
 from radioloc.targets.target import Target
 from radioloc.time import tai_to_utc, utc_to_tai
-from radioloc.vectors import Floats
+from radioloc.vectors import Floats, Indices
 
 _MOON_KINDS = ("moon_position", "moon_position_variation", "libration", "libration_variation")
 
@@ -97,7 +96,7 @@ class EstimationProblem:
         order = _series_order(predictor.observations)
         return cls(study, predictor, choice, model, noise, order, unadjusted, tuple(notes))
 
-    def select(self, rows: NDArray[np.intp]) -> EstimationProblem:
+    def select(self, rows: Indices) -> EstimationProblem:
         """Return the problem of some observations, without parameters that act on none of them."""
         predictor = self.predictor.select(rows)
         choice = None if self.choice is None else self.choice.restricted_to(predictor)
@@ -151,7 +150,7 @@ class ArcPart:
 
     hours: float  # nominal length
     span_h: float  # from the start to the last observation
-    rows: NDArray[np.intp]  # in the whole arc
+    rows: Indices  # in the whole arc
     problem: EstimationProblem
 
 

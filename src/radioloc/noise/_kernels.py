@@ -8,20 +8,17 @@ number is computed by the same operations in the same order on any machine load.
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.compiled import compiled
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.intp]
+from radioloc.vectors import Floats, Indices
 
 
 @compiled(error_model="numpy")
 def filter_gains(
-    process: Integers, sign: Floats, white: Floats, min_variance: Floats, decay: Floats, added: Floats
+    process: Indices, sign: Floats, white: Floats, min_variance: Floats, decay: Floats, added: Floats
 ) -> tuple[Floats, Floats]:
     """Kalman gains (n, s), and one over the standard deviation of each innovation, (n,)."""
-    # An innovation whose variance is not above `least` (n,) follows from earlier ones: zeros.
+    # An innovation whose variance is not above `min_variance` (n,) follows from earlier ones: zeros.
     n, width = process.shape
     s = decay.shape[1]
     covariance, gain, scale = np.zeros((s, s)), np.zeros((n, s)), np.zeros(n)
@@ -52,7 +49,7 @@ def filter_gains(
 
 @compiled(error_model="numpy")
 def filter_innovations(
-    process: Integers,
+    process: Indices,
     sign: Floats,
     decay: Floats,
     gain: Floats,
@@ -81,7 +78,7 @@ def filter_innovations(
 
 @compiled(error_model="numpy")
 def filter_adjoint(
-    process: Integers, sign: Floats, decay: Floats, gain: Floats, scale: Floats, columns: Floats
+    process: Indices, sign: Floats, decay: Floats, gain: Floats, scale: Floats, columns: Floats
 ) -> Floats:
     """Transpose of :func:`filter_innovations`: both one after the other multiply by the inverse covariance."""
     n, m = columns.shape

@@ -12,13 +12,12 @@ from dataclasses import dataclass, replace
 from typing import ClassVar, Protocol, runtime_checkable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.measurements.predictor import ROWS_AT_ONCE
 from radioloc.noise.processes import KalmanFilter
-from radioloc.vectors import Floats, Mask
+from radioloc.vectors import Floats, Indices, Mask
 
-Rows = NDArray[np.intp]
+Rows = Indices
 """Indices of observations, in any order."""
 
 RowsOf = Callable[[Rows], Floats]
@@ -108,7 +107,7 @@ class Blocks:
     """Whitener of blocks of k observations, with u different covariances."""
 
     rows: Rows  # (b, k), observations of each block
-    which: NDArray[np.intp]  # (b,), index of the covariance of each block
+    which: Indices  # (b,), index of the covariance of each block
     roots: Floats  # (u, k, k), maps to independent combinations of unit variance
     axes_m: Floats  # (u, k), standard deviations along the principal axes
 
@@ -250,7 +249,7 @@ class StructuredWhitener:
         return np.concatenate([np.zeros(0), *sigmas_m])
 
 
-def _rows_of_group(group: list[tuple[Structure, slice]]) -> tuple[Rows, NDArray[np.intp]]:
+def _rows_of_group(group: list[tuple[Structure, slice]]) -> tuple[Rows, Indices]:
     """Rows of parts of structures, and the ends of all parts but the last."""
     rows = [structure.rows[part].ravel() for structure, part in group]
     return np.concatenate(rows), np.cumsum([len(part_rows) for part_rows in rows])[:-1]

@@ -30,7 +30,7 @@ from radioloc.report.figures import (
 )
 from radioloc.results.names import link_names, link_ways
 from radioloc.results.solution import Solution
-from radioloc.vectors import Floats
+from radioloc.vectors import Floats, Indices
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 Dates = NDArray[np.datetime64]
 Limits = tuple[np.datetime64, np.datetime64]
-_Rows = NDArray[np.intp]
+_Rows = Indices
 
 MAX_POINTS = 5000
 """Number of observations in a panel above which the envelope is drawn."""
@@ -180,7 +180,7 @@ def value_envelope(dates: Dates, values: Floats, limits: Limits) -> Envelope:
     return Envelope(middle, lowest[filled], highest[filled], mean, deviation)
 
 
-def time_bins(dates: Dates, limits: Limits) -> NDArray[np.intp]:
+def time_bins(dates: Dates, limits: Limits) -> Indices:
     """Return the bin of time of each date, 0 to BINS - 1."""
     length_ms = max((limits[1] - limits[0]) / np.timedelta64(1, "ms"), 1.0)
     part = (dates - limits[0]) / np.timedelta64(1, "ms") / length_ms
@@ -295,7 +295,7 @@ def _grid(
     return figure.figure
 
 
-def _count_of_all(residuals: Residuals, rows: NDArray[np.intp]) -> float | None:
+def _count_of_all(residuals: Residuals, rows: Indices) -> float | None:
     """Return the count interval of observations, s, or None if it is not the same for all."""
     if residuals.count_s is None:
         return None

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.constants import SECONDS_PER_DAY
 from radioloc.estimation.consistency_results import ConsistencyTest
@@ -34,6 +33,7 @@ from radioloc.results.names import link_names
 from radioloc.results.reliability_card import reliability_lines
 from radioloc.results.solution import Solution
 from radioloc.time import utc_strings
+from radioloc.vectors import Indices
 
 # A card fits a screen; to_dict() has all rows.
 _MAX_TABLE_ROWS = 6
@@ -283,7 +283,7 @@ def _rejected_lines(residuals: Residuals) -> Iterator[str]:
     yield from remaining_line(len(rejected), listed_count)
 
 
-def _rejected_rows(residuals: Residuals) -> NDArray[np.intp]:
+def _rejected_rows(residuals: Residuals) -> Indices:
     """Return the rows of the rejected observations, the largest residuals in sigmas first."""
     rejected = np.flatnonzero(~residuals.used)
     size = np.abs(residuals.residual_m[rejected] / residuals.sigma_m[rejected])

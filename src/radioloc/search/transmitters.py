@@ -13,7 +13,6 @@ from fractions import Fraction
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.errors import InputError, error_context
 from radioloc.estimation.statistics import robust_scale
@@ -24,9 +23,9 @@ from radioloc.measurements.quantised import common_step
 from radioloc.study.observation_choice import Uplink, with_transmitter, with_turnaround
 from radioloc.study.study import Study
 from radioloc.time import Epochs, utc_strings, utc_to_tai
-from radioloc.vectors import Floats
+from radioloc.vectors import Floats, Indices
 
-_Rows = NDArray[np.intp]
+_Rows = Indices
 _Candidate = tuple[str, Fraction | None]
 
 _MAX_COUNTS = 200  # counts of a pass, evenly spread, whose residuals are computed

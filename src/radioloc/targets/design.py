@@ -7,7 +7,6 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.dynamics import AdjustableOrbit
 from radioloc.dynamics.stochastic import StochasticAccelerations
@@ -22,9 +21,9 @@ from radioloc.parameters.parameter import Parameter, ParameterSet, Role
 from radioloc.parameters.rows import ObservationRows, middle_epoch
 from radioloc.targets.target import Target
 from radioloc.time import Epochs
-from radioloc.vectors import Floats
+from radioloc.vectors import Floats, Indices
 
-Rows = NDArray[np.intp]
+Rows = Indices
 
 _MAX_KEPT_ELEMENTS = 2**20  # of partials that are computed once for each linearization, 8 MB
 _MIN_SMOOTH_ROWS = 2**16  # of an arc whose partials are polynomials of time: fewer take little time

@@ -11,7 +11,7 @@ from __future__ import annotations
 import erfa
 import numpy as np
 from numpy.polynomial.polynomial import polyval
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from radioloc import vectors
 from radioloc.constants import ARCSEC_RAD, J2000_JD, MEAN_LUNAR_RADIUS_M
@@ -20,7 +20,7 @@ from radioloc.errors import InputError
 from radioloc.quantities import EpochsLike, accepts_quantities
 from radioloc.time import Epochs, to_scale
 from radioloc.units import as_float_array
-from radioloc.vectors import Floats
+from radioloc.vectors import Floats, Mask
 
 
 def earth_elevation_rad(
@@ -46,7 +46,7 @@ def sun_me_m(epochs: Epochs) -> Floats:
 
 def hidden_by_moon(
     point_m: ArrayLike, station_m: ArrayLike, radius_m: ArrayLike = MEAN_LUNAR_RADIUS_M
-) -> NDArray[np.bool_]:
+) -> Mask:
     """Determine whether a lunar sphere is between points and stations.
 
     Parameters

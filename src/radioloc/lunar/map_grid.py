@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.lazy import optional
-from radioloc.vectors import Floats
+from radioloc.vectors import Floats, Mask
 
 Indices = NDArray[np.int64]
 
@@ -173,7 +173,7 @@ class MapGrid:
 
     def wrapped(
         self, rows: NDArray[np.int64], columns: NDArray[np.int64]
-    ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.bool_]]:
+    ) -> tuple[NDArray[np.int64], NDArray[np.int64], Mask]:
         """Return rows and columns of the file, and whether the map has such a cell."""
         if self.closed and self.columns_around is not None:
             around = round(self.columns_around)

@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.constants import C_M_S, L_B, L_G, MEAN_LUNAR_RADIUS_M
 from radioloc.ephemeris import EarthState
@@ -23,9 +22,9 @@ from radioloc.measurements.light_path import PLANETS_MM, MovingPoint
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.station_motion import geocentre_displacement_m
 from radioloc.time import Epochs
-from radioloc.vectors import Floats, dot, length, rotated
+from radioloc.vectors import Floats, Indices, Mask, dot, length, rotated
 
-Rows = NDArray[np.intp] | slice
+Rows = Indices | slice
 
 _MAX_DISTANCE_M = 2e10  # in 67 s of light time the Earth's motion departs from a parabola by 0.06 mm
 
@@ -45,7 +44,7 @@ class LunarMotion:
     length_scale: Floats  # U/c^2 + L_B - L_G, potential U of Sun and Earth at the Moon's centre
     bodies_m: dict[str, Floats]  # Sun and planets, from the geocentre at the reference epoch
     craft: MovingPoint | None = None  # spacecraft; the Moon's centre for other targets
-    is_craft: NDArray[np.bool_] | None = None  # whether the target is a spacecraft, shape (n,)
+    is_craft: Mask | None = None  # whether the target is a spacecraft, shape (n,)
 
     @property
     def origin(self) -> MovingPoint:

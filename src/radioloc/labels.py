@@ -9,8 +9,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from radioloc.vectors import Indices, Mask
-
 USED = "used"
 """Status of an observation in the fit; every other status is the reason of its rejection."""
 
@@ -49,7 +47,7 @@ class Labels:
         """Return the labels of some rows."""
         return Labels(self.codes[rows], self.texts)
 
-    def are(self, text: str) -> Mask:
+    def are(self, text: str) -> NDArray[np.bool_]:
         """Return the mask of rows with a text, shape (n,)."""
         if text not in self.texts:
             return np.zeros(len(self), dtype=bool)
@@ -61,7 +59,7 @@ class Labels:
         return tuple(sorted(text for text, count in zip(self.texts, counts, strict=False) if count))
 
 
-def changed(*arrays: NDArray[Any]) -> Mask:
+def changed(*arrays: NDArray[Any]) -> NDArray[np.bool_]:
     """Return the mask of rows of arrays (n, ...) that differ from the preceding row, and of the first, shape (n,)."""
     new = np.ones(len(arrays[0]), dtype=bool)
     new[1:] = False
@@ -70,7 +68,7 @@ def changed(*arrays: NDArray[Any]) -> Mask:
     return new
 
 
-def distinct(rows: NDArray[Any]) -> tuple[NDArray[Any], Indices]:
+def distinct(rows: NDArray[Any]) -> tuple[NDArray[Any], NDArray[np.intp]]:
     """Return the distinct rows of an array (n, k), sorted, and the index of each row among them, (n,)."""
     new = changed(rows)  # most rows equal the preceding one
     values, index = np.unique(rows[new], axis=0, return_inverse=True)

@@ -23,6 +23,8 @@ Source: Apache Parquet format, logical types.
 
 from __future__ import annotations
 
+import csv
+import io
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import chain
 from pathlib import Path
@@ -292,26 +294,39 @@ def _columns(path: str | Path, header: list[str], text: bytes, line: NDArray[np.
 
 def write_csv(path: str | Path, batches: Iterable[Any], *, comments: Iterable[str] = ()) -> None:
     """Write batches, at least one, as a table with comments at the top; null is empty, floats are reproduced."""
-    import pyarrow
-    from pyarrow import csv
-
     notes = [f"# {comment}".rstrip() for text in comments for comment in text.split("\n")]
-    options = csv.WriteOptions(include_header=False, quoting_style="none")
     with replaced_file(path) as temporary, temporary.open("wb") as stream:
+        batches = iter(batches)
         try:
-            batches = iter(batches)
             first = next(batches)
             stream.write(
                 "\n".join([*notes, ",".join(map(spreadsheet_cell, first.schema.names)), ""]).encode()
             )
-            with csv.CSVWriter(stream, first.schema, write_options=options) as writer:
-                for batch in chain([first], batches):
-                    writer.write_batch(batch)
+            for batch in chain([first], batches):
+                stream.write(_csv_lines(batch, path))
         except UnicodeEncodeError as error:
             wrong = error.object[error.start : error.end]
             raise InputError(f"{wrong!r} is not text; leave it out") from error
-        except pyarrow.ArrowInvalid as error:
-            raise InputError(f"{path}: a text cannot stand between commas ({error})") from error
+
+
+def _csv_lines(batch: Any, path: str | Path) -> Any:
+    """Return the lines of a batch; a text with a comma or a quote is quoted."""
+    import pyarrow
+    import pyarrow.csv
+
+    sink = pyarrow.BufferOutputStream()
+    try:
+        pyarrow.csv.write_csv(
+            batch, sink, pyarrow.csv.WriteOptions(include_header=False, quoting_style="none")
+        )
+    except pyarrow.ArrowInvalid:
+        text = io.StringIO()
+        cells = [column.cast(pyarrow.string()).to_pylist() for column in batch.columns]
+        csv.writer(text, lineterminator="\n").writerows(zip(*cells, strict=True))
+        if text.getvalue().count("\n") != batch.num_rows:
+            raise InputError(f"{path}: a text of the table has a line break; leave it out") from None
+        return text.getvalue().encode()
+    return sink.getvalue()
 
 
 def batches_of(

@@ -28,7 +28,7 @@ def test_decimals_are_those_of_python(tmp_path):
 
 @pytest.mark.parametrize(
     ("name", "words"),
-    [("\ud800", "is not text"), ("a,b", "between commas"), ('a"', "between"), ("a\nb", "between")],
+    [("\ud800", "is not text"), ("a\nb", "line break"), ("a,\r\nb", "line break")],
 )
 def test_invalid_texts_are_refused(tmp_path, name, words):
     with pytest.raises(InputError, match=words):
@@ -36,6 +36,16 @@ def test_invalid_texts_are_refused(tmp_path, name, words):
     with pytest.raises(InputError, match="is not text"):
         write(tmp_path / "a.csv", {"name": ["a"]}, comments=["\ud800"])
     assert not (tmp_path / "a.csv").exists()
+
+
+def test_texts_with_commas_and_quotes_are_quoted_and_numbers_are_not(tmp_path):
+    columns = {
+        "name": ["lander, 4 h", 'the "near" side', "plain"],
+        "x": [0.1, None, 2.0],
+        "used": [True, False, None],
+    }
+    lines = write(tmp_path / "a.csv", columns | {"y": np.ones(3)}, {"y": 2}).splitlines()
+    assert lines[1:] == ['"lander, 4 h",0.1,true,1.00', '"the ""near"" side",,false,1.00', "plain,2,,1.00"]
 
 
 FORMULAS = ["=cmd|'/C calc'!A0", "+1+1", "-2+3+cmd", "@SUM(A1)", "\t=1", "＝1+1", "'=A1", "''-x"]

@@ -107,7 +107,7 @@ def build_solution(
         observability=assess_observability(fit, None if count_s is None else ~np.isnan(count_s)),
         prior_effects=estimate.prior_effects,
         iterations=fit.iterations,
-        passes=edited.fit_count,
+        fit_count=edited.fit_count,
         series_weights=edited.series_weights,
         consider=estimate.consider,
         **described,

@@ -97,7 +97,7 @@ class Solution(Result):
     #: Series with reduced weight, as their residuals are correlated in time.
     series_weights: tuple[SeriesWeight, ...] = ()
     iterations: int = 0  #: Gauss-Newton steps of the last fit
-    passes: int = 1  #: number of fits during outlier rejection
+    fit_count: int = 1  #: number of fits during outlier rejection
     reference: ReferenceComparison | None = None  #: difference to a known position
     references: tuple[ReferenceComparison, ...] = ()  #: differences to further known positions
     notes: tuple[str, ...] = ()  #: sentences on the data and the model that call for an action
@@ -350,7 +350,7 @@ class Solution(Result):
                     asdict(item) | {"weighed_as": item.weighed_as} for item in self.series_weights
                 ],
                 "iterations": self.iterations,
-                "passes": self.passes,
+                "fit_count": self.fit_count,
             },
         }
         if self.targets:

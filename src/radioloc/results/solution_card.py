@@ -218,7 +218,7 @@ def _status_lines(solution: Solution) -> Iterator[str]:
         return
     state = "CONVERGED" if solution.converged else solution.status.upper()
     iterations = plural(solution.iterations, "iteration")
-    yield f"{state} ({iterations}, {plural(solution.passes, 'editing pass', 'es')})"
+    yield f"{state} ({iterations}, {plural(solution.fit_count, 'fit')})"
     findings = finding_lines(solution, serious=True)
     if not solution.converged:
         yield from findings

@@ -92,7 +92,7 @@ bench: $(VENV)/.installed-bench  ## Times, goals and ratios to other programs in
 	PYTHONPATH=tests/support OMP_NUM_THREADS=1 $(BIN)/python tests/benchmarks/bench.py $(BENCH_ARGS)
 
 benchmark: $(VENV)/.installed-demo  ## Run and score all cases of examples/benchmark: tables in out/benchmark.
-	$(BIN)/radioloc score --all examples/benchmark --out out/benchmark
+	$(BIN)/radioloc score examples/benchmark --out out/benchmark
 
 DRAWS ?= 300
 calibration: $(VENV)/.installed-dev  ## Draw known truths in all kinds of tracking, and hold stated sigmas against their errors: table and figure in out/calibration.

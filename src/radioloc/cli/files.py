@@ -143,17 +143,14 @@ def compare(options: argparse.Namespace) -> int:
 @command(
     "score",
     argument("entry ENTRY", "solution.json, or the JSON or CSV file of any program", Path, nargs="?"),
-    argument("case CASE", "folder of the case, with its case.toml", Path, nargs="?"),
-    argument("--all DIR", "run and score all cases in DIR instead", Path),
+    argument("case CASE", "folder of a case, with its case.toml; without ENTRY also of several cases", Path),
     JSON,
     *output_folder(),
-    examples=("results/solution.json examples/benchmark/apollo15-2006", "--all examples/benchmark"),
+    examples=("results/solution.json examples/benchmark/apollo15-2006", "examples/benchmark"),
 )
 def score(options: argparse.Namespace) -> int:
-    """Score a result of any program in a case of the benchmark, or all entries of all cases."""
-    if (options.case is None) == (options.all is None):
-        options.parser.error("give an entry and a case, or --all DIR")
-    return finish(options, radioloc.score(options.all or options.case, options.entry))
+    """Score a result of any program in a case of the benchmark, or run cases and score all their entries."""
+    return finish(options, radioloc.score(options.case, options.entry))
 
 
 @command(

@@ -168,8 +168,9 @@ def test_command_prints_places_and_ends_with_3_for_a_claim_that_fails(tmp_path, 
     assert {path.name for path in (tmp_path / "out").iterdir()} == {"scores.json", "scores.md"}
     assert main(["score", str(bad), str(folder)]) == 3
     assert "claim fails" in capsys.readouterr().out
-    with pytest.raises(SystemExit):
-        main(["score", str(good)])
+    assert main(["score", str(good)]) == 2
+    entry(folder / "entries" / "good.json", lander=place(9.0) | {"sigma_m": 5.0})
+    assert main(["score", str(tmp_path)]) == 0
 
 
 @pytest.mark.slow

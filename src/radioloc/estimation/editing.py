@@ -138,11 +138,11 @@ def fit_with_editing(
         result = editor.fit(editor.usable, x, linearization)
         return EditedFit(result, initial_status, editor.scale(result.residual_m))
 
-    process, last_fit = process_noise(linearization), None if previous is None else previous.fit
+    processes, last_fit = process_noise(linearization), None if previous is None else previous.fit
     if last_fit is not None:
         residual_m = last_fit.residual_m
-    elif process is not None:  # an orbit starts near the estimate
-        residual_m = linearization.residual_m - process.effects_m(process.reference)
+    elif processes:  # orbits start near the estimate
+        residual_m = linearization.residual_m - sum(item.effects_m(item.reference) for item in processes)
     else:
         x, linearization = robust_start(
             residual_function, parameters, noise.sigma_m, editor.usable, linearization, x
@@ -151,7 +151,7 @@ def fit_with_editing(
     scale, selections, start_outlier_count = editor.scale(residual_m), list[Mask](), 0
     while True:
         limit_m = threshold * max(1.0, scale) * noise.sigma_m
-        if last_fit is not None and process is None:  # leverages of process noise are not in the partials
+        if last_fit is not None and not processes:  # leverages of process noise are not in the partials
             limit_m = _studentized_limits(last_fit, residual_m, limit_m, editor.usable)
         used = editor.usable & (np.abs(residual_m) <= limit_m)
         if selections and np.array_equal(used, selections[-1]):

@@ -10,13 +10,14 @@ rows are kept for the smoother, which runs outward from the epoch, where the dev
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from radioloc.dynamics.stochastic import ACROSS, AFTER, BEFORE, Chains, StochasticAccelerations
-from radioloc.noise.covariance import ObservationCovariance
+from radioloc.errors import InputError
+from radioloc.noise.covariance import ALONE, ObservationCovariance, SharedAtEpoch
 from radioloc.noise.whitening import RowsOf, Whitener
 from radioloc.vectors import Floats, Indices, Mask
 
@@ -25,7 +26,7 @@ from radioloc.vectors import Floats, Indices, Mask
 class Smoothed:
     """Smoothed stochastic accelerations with their covariance."""
 
-    residual_m: Floats  # (n,), with the effect of the accelerations removed
+    effects_m: Floats  # (n,), of the accelerations on the observations
     values: Chains  # (K + 1, s), u in its a-priori sigmas
     covariance: Chains  # (K + 1, c + 6 + s, c + 6 + s), of c other parameters, d and u together
     absorbed: float  # degrees of freedom of the observations that the accelerations take
@@ -44,9 +45,9 @@ class InformationFilter:
         cls, process: StochasticAccelerations, noise: ObservationCovariance, used: Mask
     ) -> InformationFilter:
         """Filter of used observations; those that share errors belong to one interval."""
-        intervals = np.unique(np.stack([process.chain[used], process.step[used]]), axis=1).T
+        intervals = set(zip(process.chain[used].tolist(), process.step[used].tolist(), strict=True))
         noise_of_interval: dict[tuple[int, int], Whitener] = {
-            (int(chain), int(step)): noise.whitener(used & (process.chain == chain) & (process.step == step))
+            (chain, step): noise.whitener(used & (process.chain == chain) & (process.step == step))
             for chain, step in intervals
         }
         return cls(process, np.flatnonzero(used), noise_of_interval)
@@ -140,8 +141,43 @@ class InformationFilter:
             values.append(np.array(means)[:, -s:])
             covariances.append(np.delete(np.delete(np.array(ps), c, axis=1), c, axis=2))
         chains = (values[0], values[1])
-        smoothed_residual_m = residual_m - process.effects_m(chains)
-        return Smoothed(smoothed_residual_m, chains, (covariances[0], covariances[1]), float(absorbed))
+        return Smoothed(process.effects_m(chains), chains, (covariances[0], covariances[1]), float(absorbed))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class InformationFilters:
+    """Whitener of observations of orbits whose stochastic accelerations are independent of each other."""
+
+    filters: tuple[InformationFilter, ...]
+
+    @classmethod
+    def from_observations(
+        cls, processes: Sequence[StochasticAccelerations], noise: ObservationCovariance, used: Mask
+    ) -> InformationFilters:
+        """Return filters of each orbit's observations; those of no orbit belong to the first filter."""
+        orbit = np.argmax([process.by_state.any(axis=1) for process in processes], axis=0)
+        for term in noise.of_type(SharedAtEpoch):
+            shared = used & (term.group != ALONE)
+            pairs = np.unique(np.stack([term.group, orbit])[:, shared], axis=1)
+            if len(np.unique(pairs[0])) < pairs.shape[1]:
+                raise InputError(
+                    "[estimate.orbit] process_noise: expected observations of one orbit with shared errors at each "
+                    "epoch, got several orbits; leave vlbi_station_sigma_m and vlbi_station_rate_sigma_m out"
+                )
+        masks = (used & (orbit == k) for k in range(len(processes)))
+        items = zip(processes, masks, strict=True)
+        return cls(
+            tuple(InformationFilter.from_observations(process, noise, mask) for process, mask in items)
+        )
+
+    def whitened(self, rows_of: RowsOf) -> Iterator[Floats]:
+        """Yield independent combinations of unit variance, orbit by orbit."""
+        for item in self.filters:
+            yield from item.whitened(rows_of)
+
+    def smoothed(self, rows_of: RowsOf, residual_m: Floats, covariance: Floats) -> tuple[Smoothed, ...]:
+        """Smooth the accelerations of each orbit; given the parameters, they depend on its observations alone."""
+        return tuple(item.smoothed(rows_of, residual_m, covariance) for item in self.filters)
 
 
 def _triangle(rows: list[Floats]) -> Floats:

@@ -32,7 +32,7 @@ from numpy.typing import ArrayLike
 
 from radioloc.errors import InputError
 from radioloc.estimation.gauss_markov import TimeCorrelation
-from radioloc.estimation.information_filter import InformationFilter, Smoothed
+from radioloc.estimation.information_filter import InformationFilters, Smoothed
 from radioloc.estimation.linearization import (
     Factor,
     Linearization,
@@ -87,7 +87,7 @@ class FitResult:
     factor: Factor  # of the weighted problem, at x or within a converged step of it
     whitening: Whitener  # of the used observations, by the weights of the fit
     time_correlation: TimeCorrelation | None = None  # noise model of fits with correlated weights
-    smoothed: Smoothed | None = None  # stochastic accelerations
+    smoothed: tuple[Smoothed, ...] = ()  # stochastic accelerations of each orbit
 
     @property
     def converged(self) -> bool:
@@ -97,7 +97,10 @@ class FitResult:
     @property
     def residual_m(self) -> Floats:
         """Observed less computed values of all observations at `x`, m, shape (n,)."""
-        return self.linearization.residual_m if self.smoothed is None else self.smoothed.residual_m
+        residual_m = self.linearization.residual_m
+        for item in self.smoothed:
+            residual_m = residual_m - item.effects_m
+        return residual_m
 
     @property
     def sigmas(self) -> Floats:
@@ -197,9 +200,9 @@ def fit_least_squares(
 
     # Weights: given ones, those of the process noise, or those of the stated noise.
     stated_whitening = noise.whitener(mask)
-    process = process_noise(linearization)
-    if process is not None and whitening is None:
-        whitening = InformationFilter.from_observations(process, noise, mask)
+    processes = process_noise(linearization)
+    if processes and whitening is None:
+        whitening = InformationFilters.from_observations(processes, noise, mask)
     solver = _GaussNewton(residual_function, parameters, whitening or stated_whitening, int(mask.sum()))
 
     factor = factorize(linearization, solver.whitening, parameters, x)
@@ -212,15 +215,15 @@ def fit_least_squares(
     if not factor.determined.all() and status is FitStatus.CONVERGED:
         status = FitStatus.UNOBSERVABLE
 
-    # Chi-square refers to the stated noise, with the process noise of an orbit, and not to other weights.
+    # Chi-square refers to the stated noise, with the process noise of orbits, and not to other weights.
     chi2 = iterate.sum_of_squares
-    if (whitening is not None and process is None) or math.isnan(chi2):
+    if (whitening is not None and not processes) or math.isnan(chi2):
         chi2 = _sum_of_squares(linearization.residual_m, stated_whitening, parameters, iterate.x)
     prior_count = int((np.isfinite(parameters.prior_sigmas) & parameters.free).sum())
-    smoothed = correlation = None
-    if process is not None:  # the weights allow for the correlation by process noise, and no other is sought
+    smoothed, correlation = tuple[Smoothed, ...](), None
+    if processes:  # the weights allow for the correlation by process noise, and no other is sought
         correlation = TimeCorrelation((), np.zeros((len(x),) * 2), {})
-    if isinstance(solver.whitening, InformationFilter):
+    if isinstance(solver.whitening, InformationFilters):
         free, root = parameters.free, factor.root_covariance()
         smoothed = solver.whitening.smoothed(
             lambda rows: linearization.partials(rows)[:, free], linearization.residual_m, root @ root.T

@@ -49,10 +49,10 @@ def smooth_partials(linearization: Linearization) -> SmoothPartials | None:
     return smooth
 
 
-def process_noise(linearization: Linearization) -> StochasticAccelerations | None:
-    """Return the stochastic accelerations of an orbit on the observations; None without."""
-    process: StochasticAccelerations | None = getattr(linearization, "process", None)
-    return process
+def process_noise(linearization: Linearization) -> tuple[StochasticAccelerations, ...]:
+    """Return the stochastic accelerations of orbits on the observations."""
+    processes: tuple[StochasticAccelerations, ...] = getattr(linearization, "processes", ())
+    return processes
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -189,7 +189,7 @@ def mean_leverage(fit: FitResult) -> float:
     prior_sigmas = fit.parameters.prior_sigmas[free]
     has_prior = np.isfinite(prior_sigmas)
     a_priori = (fit.factor.root_covariance()[has_prior] / prior_sigmas[has_prior, None]) ** 2
-    absorbed = 0.0 if fit.smoothed is None else fit.smoothed.absorbed
+    absorbed = sum(item.absorbed for item in fit.smoothed)
     return float(fit.factor.determined.sum() - a_priori.sum() + absorbed) / max(int(fit.used.sum()), 1)
 
 

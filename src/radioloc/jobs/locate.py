@@ -154,7 +154,7 @@ class _Fit:
     """Problem with its fit by final weights."""
 
     problem: EstimationProblem
-    model: ObservationModel  # with the stochastic accelerations of its orbit, if there are any
+    model: ObservationModel  # with the stochastic accelerations of its orbits, if there are any
     edited: EditedFit
     stochastic: StochasticProblem | None
     orbits: GravityErrorOrbits  # with the considered errors of their gravity fields
@@ -257,8 +257,7 @@ def _complete(fitted: _Fit, solution: Solution, not_selected: dict[str, int]) ->
     covariance, consider = solution.parameter_covariance(), solution.consider
     states = {k: orbit_state(model, k, x, covariance, consider, fitted.orbits) for k in model.orbit_indices}
     if fitted.stochastic is not None:
-        [k] = states
-        states[k] = fitted.stochastic.smoothed(states[k], fitted.edited, problem.order, fitted.unadjusted)
+        states |= fitted.stochastic.smoothed(states, fitted.edited, problem.order, fitted.unadjusted)
     trajectory = solution.trajectory
     if states and not model.place_indices:
         trajectory = ", ".join(str(state.orbit) for state in states.values())
@@ -308,7 +307,7 @@ def _require_usable(problem: EstimationProblem, status: Labels, codes: NDArray[n
 def _estimate(
     problem: EstimationProblem, status: Labels, codes: NDArray[np.int8]
 ) -> tuple[EditedFit, StochasticProblem | None]:
-    """Return the edited fit, and its problem if the orbit has stochastic accelerations."""
+    """Return the edited fit, and its problem if an orbit has stochastic accelerations."""
     model, estimate = problem.model, problem.choice
     if estimate is None:
         fit = fit_with_editing(
@@ -323,9 +322,9 @@ def _estimate(
     if start is not None:
         status = _updated_visibility(model, start, status, usable)
     stochastic = None
-    if problem.process_noise is not None:
+    if problem.has_process_noise:
         start = _with_points(problem, model.parameters.prior_values if start is None else start, status)
-        stochastic = StochasticProblem.linearized_about(model, problem.process_noise, start)
+        stochastic = StochasticProblem.linearized_about(model, start)
     # Positions with a prior begin there, not where visibility was decided.
     visibility_x = start if start is not None or estimate.position_priors else model.parameters.prior_values
     decision_count = 0

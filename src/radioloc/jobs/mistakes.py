@@ -74,7 +74,7 @@ class Mistake:
 
 def with_mistake(problem: EstimationProblem, solution: Solution, edited: EditedFit) -> Solution:
     """Return a solution whose finding is the mistake that explains the observations, if there is any."""
-    if problem.choice is None or problem.process_noise is not None:
+    if problem.choice is None or problem.has_process_noise:
         return solution
     is_right = solution.converged and not solution.consistency.findings
     if is_right and not _is_mostly_unused(problem, edited.fit.used):

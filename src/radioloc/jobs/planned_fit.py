@@ -6,6 +6,7 @@ The observations are weighted by the inverse of their covariance, so that the es
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -37,7 +38,7 @@ class _WithProcess:
     """A linearization with the independent accelerations of the process noise as further parameters."""
 
     design: Linearization
-    process: IndependentAccelerations
+    processes: Sequence[IndependentAccelerations]
 
     @property
     def residual_m(self) -> Floats:
@@ -46,7 +47,7 @@ class _WithProcess:
 
     def partials(self, rows: Indices) -> Floats:
         """d(computed)/d(parameter) of some observations, shape (m, p)."""
-        return np.hstack([self.design.partials(rows), self.process.effects_m(rows)])
+        return np.hstack([self.design.partials(rows), *(item.effects_m(rows) for item in self.processes)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +58,7 @@ class PlannedFit:
     used: Mask
     orbits: GravityErrorOrbits  # with the considered errors of their gravity fields
     parameters: ParameterSet  # of the problem, then those of the process noise
-    process: IndependentAccelerations | None = None
+    processes: Sequence[IndependentAccelerations] = ()
     design: DesignMatrix | None = None  # of the model at its a-priori parameters; computed if None
 
     @classmethod
@@ -65,14 +66,12 @@ class PlannedFit:
         """Return the fit with all usable observations of the whole plan, (n,)."""
         problem = part.problem
         parameters, used = problem.model.parameters, usable[part.rows]
-        if problem.process_noise is None:
+        if not problem.has_process_noise:
             return cls(part, used, orbits, parameters)
-        stochastic = StochasticProblem.linearized_about(
-            problem.model, problem.process_noise, parameters.prior_values
-        )
-        process = IndependentAccelerations.from_problem(stochastic)
-        # Process noise stands for the errors of the gravity field.
-        return cls(part, used, {}, ParameterSet([*parameters, *process.parameters]), process)
+        stochastic = StochasticProblem.linearized_about(problem.model, parameters.prior_values)
+        processes = IndependentAccelerations.from_problem(stochastic)
+        added = [item for process in processes for item in process.parameters]
+        return cls(part, used, orbits, ParameterSet([*parameters, *added]), processes)
 
     def with_observations(self, rows: Mask) -> PlannedFit:
         """Return the fit with some of its observations only."""
@@ -96,8 +95,8 @@ class PlannedFit:
         linearization: Linearization = self.design or problem.model.linearize(
             problem.model.parameters.prior_values
         )
-        if self.process is not None:
-            linearization = _WithProcess(linearization, self.process)
+        if self.processes:
+            linearization = _WithProcess(linearization, self.processes)
         x, whitening = parameters.prior_values, problem.noise.whitener(self.used)
         factor = factorize(linearization, whitening, parameters, x)
         if factor is None:
@@ -150,11 +149,13 @@ class PlannedFit:
         by_model = model.local_partials(x, self._epochs, target)[:, :3]
         partials = np.zeros((len(by_model), 3, len(self.parameters)))
         partials[..., :count] = by_model
-        if self.process is not None and target == model.orbit_index:
-            orbit = model.orbit_at(x)
-            assert orbit is not None
-            of_process = self.process.states(self._epochs)
-            partials[..., count:] = along_across_radial(orbit, self._epochs, of_process)[:, :3]
+        for process in self.processes:
+            if process.orbit.target == target:
+                by_process = along_across_radial(
+                    process.orbit.effects.orbit, self._epochs, process.states(self._epochs)
+                )
+                begin = count + process.first
+                partials[..., begin : begin + process.count] = by_process[:, :3]
         return partials
 
     def _state(self, target: int, covariance: Floats, consider_effects: Consider | None) -> OrbitState:
@@ -163,15 +164,14 @@ class PlannedFit:
         x, count = model.parameters.prior_values, len(model.parameters)
         total = covariance if consider_effects is None else covariance + consider_effects.covariance
         state = orbit_state(model, target, x, total, consider_effects, self.orbits)
-        if self.process is None:
+        process = next((item for item in self.processes if item.orbit.target == target), None)
+        if process is None:
             return state
-        columns = model.columns_of(target)
+        columns, begin = model.columns_of(target), count + process.first
         by_x = model.targets[target].motion(x[columns])[1]
-        chosen = [*range(*columns.indices(count)), *range(count, len(self.parameters))]
-        onto = block_diag(by_x, np.eye(len(self.parameters) - count))
-        return replace(
-            state, process=self.process.estimate(onto @ covariance[np.ix_(chosen, chosen)] @ onto.T)
-        )
+        chosen = np.r_[columns, begin : begin + process.count]
+        onto = block_diag(by_x, np.eye(process.count))
+        return replace(state, process=process.estimate(onto @ covariance[np.ix_(chosen, chosen)] @ onto.T))
 
     def _direct_effects_m(
         self, target: int, state: OrbitState | None, consider_effects: Consider

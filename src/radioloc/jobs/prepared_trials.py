@@ -207,7 +207,7 @@ class Prepared:
     def linear(self) -> LinearTrials | None:
         """Return the trials by the linear model; None where it does not replace a fit, as with process noise."""
         longest = self.parts[0].problem
-        if longest.process_noise is not None:
+        if longest.has_process_noise:
             return None
         x = true_parameters(longest, self.targets)
         computed_m = longest.predictor.predict(longest.model.motions(x)).value_m

@@ -45,7 +45,6 @@ from radioloc.parameters.considered import resolve_considered
 from radioloc.parameters.parameter import Role
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.parameters.rows import middle_epoch
-from radioloc.study.orbit_choice import ProcessNoise
 from radioloc.study.study import EstimateChoice, Study
 from radioloc.targets.design import ObservationModel
 from radioloc.targets.target import Target
@@ -113,17 +112,17 @@ class EstimationProblem:
         return int((~self.model.parameters.considered).sum())
 
     @property
-    def process_noise(self) -> ProcessNoise | None:
-        """Stochastic accelerations of the orbit."""
-        orbit = None if self.choice is None else self.choice.orbit
-        return None if orbit is None else orbit.process_noise
+    def has_process_noise(self) -> bool:
+        """True if an orbit has stochastic accelerations."""
+        return any(target.process_noise is not None for target in self.model.targets)
 
     def orbits_with_gravity_errors(self, x: Floats) -> GravityErrorOrbits:
         """Return the orbits at parameters x with the considered errors of their gravity fields, by target."""
-        if self.process_noise is not None:  # process noise represents these errors
-            return {}
-        targets = enumerate(self.model.targets)
-        orbits = {k: target.gravity_errors(x[self.model.columns_of(k)]) for k, target in targets}
+        orbits = {
+            k: target.gravity_errors(x[self.model.columns_of(k)])
+            for k, target in enumerate(self.model.targets)
+            if target.process_noise is None  # which represents these errors
+        }
         return {k: orbit for k, orbit in orbits.items() if orbit is not None}
 
     def unadjusted_errors(
@@ -139,7 +138,7 @@ class EstimationProblem:
         parameters = [*model.parameters, *(item for _, items in self.unadjusted_blocks for item in items)]
         blocks = fixed_parameter_blocks(self.predictor.uncombined, parameters)
         errors = join_errors(parameter_errors(blocks, model, x), term_errors(model, x))
-        if self.process_noise is not None or orbits:  # errors of the forces are in the covariance
+        if self.has_process_noise or orbits:  # errors of the forces are in the covariance
             return errors
         return join_errors(errors, force_errors(model, x))
 

@@ -479,12 +479,7 @@ class Study:
         return {self.catalogue.get(n).name if n in self.catalogue else n for n in choice.names}
 
     def _require_process_noise(self) -> None:
-        if len(self.orbiters) > 1:
-            raise InputError(
-                f"[estimate.orbit] process_noise: expected one spacecraft, as intervals start at the epoch of its "
-                f"orbit, got {', '.join(self.orbiters)}; fit each in a study of its own"
-            )
-        if self.lands:
+        if all(orbiter.landing is not None for orbiter in self.orbiters.values()):
             raise InputError(
                 "[estimate.orbit] process_noise belongs to a target that does not land, as its axes need a velocity; "
                 "for a descent give thrust in segments, [[forces.accelerations]] every_s"

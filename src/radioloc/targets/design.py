@@ -39,7 +39,7 @@ class ObservationModel:
     targets: tuple[Target, ...]
     columns: tuple[Columns, ...]  # of the kinds of parameter
     reference: Epochs | None = None  # epoch that rates refer to, TAI; the middle of the arc as a rule
-    process: StochasticAccelerations | None = None  # of the orbit
+    processes: tuple[StochasticAccelerations, ...] = ()  # of each orbit that has some
     considered_kind_count: int = 0  # number of kinds, the last, whose parameters are considered
     # Of a long arc, computed once.
     cells: list[Cells] = field(default_factory=list, compare=False, repr=False)
@@ -83,26 +83,10 @@ class ObservationModel:
         """Indices of the targets that move by forces."""
         return [k for k, target in enumerate(self.targets) if target.orbit is not None]
 
-    @property
-    def orbit_index(self) -> int | None:
-        """Index of the first target that moves by forces; None without any."""
-        return next(iter(self.orbit_indices), None)
-
-    @property
-    def orbit(self) -> AdjustableOrbit | None:
-        """A-priori orbit of the first target that moves by forces; None without any."""
-        k = self.orbit_index
-        return None if k is None else self.targets[k].orbit
-
-    def orbit_at(self, x: Floats) -> AdjustableOrbit | None:
-        """Return the orbit of the first target that moves by forces at parameters x; None without any."""
-        k = self.orbit_index
-        return None if k is None else self.targets[k].orbit_at(x[self.columns_of(k)])
-
-    def with_orbit(self, orbit: AdjustableOrbit, target: int | None = None) -> ObservationModel:
-        """Return the model with another a-priori orbit of a target, by default the first on an orbit."""
-        targets, k = list(self.targets), self.orbit_indices[0] if target is None else target
-        targets[k] = targets[k].with_orbit(orbit)
+    def with_orbit(self, orbit: AdjustableOrbit, target: int) -> ObservationModel:
+        """Return the model with another a-priori orbit of a target."""
+        targets = list(self.targets)
+        targets[target] = targets[target].with_orbit(orbit)
         return replace(self, targets=tuple(targets))
 
     def motion_columns_of(self, target: int) -> slice:
@@ -149,13 +133,13 @@ class ObservationModel:
         motions = self.motions(x)
         prediction = self.predictor.predict(motions)
         residual_m = self.predictor.observations.value_m - prediction.value_m
-        if self.process is not None:
-            residual_m += self.process.effects_m(self.process.reference)
+        for process in self.processes:
+            residual_m += process.effects_m(process.reference)
         design = DesignMatrix(self, prediction, motions, x, residual_m)
         n, first = len(residual_m), self.first
         if n * len(x) <= _MAX_KEPT_ELEMENTS:
             design = replace(design, all_partials=design.partials(np.arange(n)))
-        elif n >= _MIN_SMOOTH_ROWS and self.process is None:
+        elif n >= _MIN_SMOOTH_ROWS and not self.processes:
             design = replace(design, smooth=self._smooth(design))
         if x[first:].any():
             of_kinds = np.append(np.zeros(first), x[first:])[:, None]
@@ -193,14 +177,14 @@ class DesignMatrix:
     prediction: Prediction
     motions: Motions
     x: Floats
-    residual_m: Floats  # observed - computed, of an orbit without its stochastic accelerations
+    residual_m: Floats  # observed - computed, of orbits without their stochastic accelerations
     smooth: SmoothPartials | None = None  # of a long arc
     all_partials: Floats | None = None  # partials of all observations of a short arc
 
     @property
-    def process(self) -> StochasticAccelerations | None:
-        """The orbit's stochastic accelerations."""
-        return self.model.process
+    def processes(self) -> tuple[StochasticAccelerations, ...]:
+        """Stochastic accelerations of the orbits."""
+        return self.model.processes
 
     def partials(self, rows: Rows, *, of_kinds_only: bool = False) -> Floats:
         """d(computed)/d(parameter) of some observations, shape (m, p); or those by all but the positions."""

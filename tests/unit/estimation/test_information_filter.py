@@ -1,11 +1,13 @@
 """The square-root information filter and smoother against a batch fit with all its accelerations as parameters."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
+from scipy.linalg import block_diag
 
 from radioloc.dynamics.stochastic import ACROSS, AFTER, BEFORE, StochasticAccelerations
+from radioloc.errors import InputError
 from radioloc.estimation import Parameter, ParameterSet
 from radioloc.estimation.editing import fit_with_editing
 from radioloc.estimation.least_squares import fit_least_squares
@@ -51,7 +53,7 @@ def written_out(process):
 
 @dataclass(frozen=True)
 class Model(DenseLinearization):
-    process: StochasticAccelerations | None = None
+    processes: tuple[StochasticAccelerations, ...] = ()
 
 
 def design():
@@ -72,8 +74,8 @@ PRIORS = [np.inf] * (OTHER_COUNT - 1) + [0.5]
 PARAMETERS = ParameterSet([Parameter(f"p.{k}", "m", "p", 0.0, prior) for k, prior in enumerate(PRIORS)])
 
 
-def model_of(process, values_m):
-    return lambda x: Model(values_m - design() @ x, design(), process)
+def model_of(processes, values_m):
+    return lambda x: Model(values_m - design() @ x, design(), processes)
 
 
 @pytest.mark.parametrize("persistence", [0.0, 0.6])
@@ -81,7 +83,7 @@ def test_the_filter_is_a_batch_fit_with_the_accelerations_as_parameters(persiste
     process = process_of(persistence)
     values_m = observed(process, persistence)
     used = np.random.default_rng(9).random(N) > 0.1
-    fit = fit_least_squares(model_of(process, values_m), PARAMETERS, SIGMA_M, used=used)
+    fit = fit_least_squares(model_of((process,), values_m), PARAMETERS, SIGMA_M, used=used)
 
     count = sum(INTERVALS) + 2
     a_priori = np.kron(persistence ** abs(np.subtract.outer(np.arange(count), np.arange(count))), np.eye(3))
@@ -98,7 +100,7 @@ def test_the_filter_is_a_batch_fit_with_the_accelerations_as_parameters(persiste
     np.testing.assert_allclose(
         fit.covariance, covariance[:OTHER_COUNT, :OTHER_COUNT], rtol=IDENTICAL, atol=1e-13
     )
-    smoothed = fit.smoothed
+    [smoothed] = fit.smoothed
     u = np.concatenate([smoothed.values[BEFORE][::-1], smoothed.values[AFTER]]).ravel()
     np.testing.assert_allclose((u - estimate[OTHER_COUNT:]) / sigma[OTHER_COUNT:], 0.0, atol=IDENTICAL)
     left_m = values_m - total @ estimate
@@ -130,17 +132,55 @@ def test_the_filter_is_a_batch_fit_with_the_accelerations_as_parameters(persiste
             np.testing.assert_allclose(smoothed.covariance[chain][k], expected, rtol=1e-8, atol=1e-11)
 
 
+def test_the_filters_of_two_orbits_are_a_batch_fit_with_both_accelerations():
+    first = process_of(0.6)
+    is_second, second = np.arange(N) % 3 == 0, replace(process_of(0.2), step=np.roll(first.step, 3))
+    second = replace(second, chain=np.roll(first.chain, 3))
+    zeroed = ("by_state", "near", "far")
+    first = replace(first, **{key: getattr(first, key) * ~is_second[:, None] for key in zeroed})
+    second = replace(second, **{key: getattr(second, key) * is_second[:, None] for key in zeroed})
+    values_m = observed(first, 0.6)
+    fit = fit_least_squares(model_of((first, second), values_m), PARAMETERS, SIGMA_M)
+    count = sum(INTERVALS) + 2
+    steps = abs(np.subtract.outer(np.arange(count), np.arange(count)))
+    a_priori = block_diag(*(np.kron(m**steps, np.eye(3)) for m in (0.6, 0.2)))
+    total = np.hstack([design(), written_out(first), written_out(second)])
+    information = total.T @ total / SIGMA_M**2
+    information[OTHER_COUNT - 1, OTHER_COUNT - 1] += 0.5**-2
+    information[OTHER_COUNT:, OTHER_COUNT:] += np.linalg.inv(a_priori)
+    covariance = np.linalg.inv(information)
+    estimate = covariance @ total.T @ values_m / SIGMA_M**2
+    accelerations = [np.concatenate([u.values[BEFORE][::-1], u.values[AFTER]]).ravel() for u in fit.smoothed]
+    estimated = np.concatenate([fit.x, *accelerations])
+    np.testing.assert_allclose((estimated - estimate) / np.sqrt(np.diag(covariance)), 0.0, atol=IDENTICAL)
+    np.testing.assert_allclose(
+        fit.covariance, covariance[:OTHER_COUNT, :OTHER_COUNT], rtol=IDENTICAL, atol=1e-13
+    )
+    np.testing.assert_allclose(fit.residual_m, values_m - total @ estimate, atol=IDENTICAL)
+
+
+def test_errors_that_observations_of_two_orbits_share_are_refused():
+    first = process_of(0.3)
+    is_second = np.arange(N) % 2 == 0
+    second = replace(first, by_state=first.by_state * is_second[:, None])
+    first = replace(first, by_state=first.by_state * ~is_second[:, None])
+    shared = SharedAtEpoch(np.arange(N) // 2, np.zeros((N, 1), dtype=np.intp), np.ones((N, 1)))
+    noise = ObservationCovariance((White(np.full(N, SIGMA_M)), shared))
+    with pytest.raises(InputError, match="several orbits"):
+        fit_least_squares(model_of((first, second), np.zeros(N)), PARAMETERS, noise)
+
+
 def test_without_process_noise_the_filter_is_the_batch_fit():
     process = process_of(0.5, sigma=0.0)
     values_m = observed(process, 0.5)
-    fit = fit_least_squares(model_of(process, values_m), PARAMETERS, SIGMA_M)
-    batch = fit_least_squares(model_of(None, values_m), PARAMETERS, SIGMA_M)
+    fit = fit_least_squares(model_of((process,), values_m), PARAMETERS, SIGMA_M)
+    batch = fit_least_squares(model_of((), values_m), PARAMETERS, SIGMA_M)
     np.testing.assert_allclose((fit.x - batch.x) / batch.sigmas, 0.0, atol=IDENTICAL)
     np.testing.assert_allclose(fit.covariance, batch.covariance, rtol=IDENTICAL, atol=1e-13)
     np.testing.assert_allclose(fit.residual_m, batch.residual_m, atol=IDENTICAL)
     assert fit.chi2 == pytest.approx(batch.chi2, rel=1e-9)
     assert fit.dof == batch.dof
-    assert fit.smoothed.absorbed == pytest.approx(0.0, abs=1e-9)
+    assert fit.smoothed[0].absorbed == pytest.approx(0.0, abs=1e-9)
 
 
 def test_observations_that_share_errors_are_weighed_together():
@@ -153,7 +193,7 @@ def test_observations_that_share_errors_are_weighed_together():
     effect_m[first, 0] = [1.0, -1.0, 2.0]
     shared = SharedAtEpoch(group, np.zeros((N, 1), dtype=np.intp), effect_m)
     noise = ObservationCovariance((White(np.full(N, SIGMA_M)), shared))
-    fit = fit_least_squares(model_of(process, observed(process, 0.3)), PARAMETERS, noise)
+    fit = fit_least_squares(model_of((process,), observed(process, 0.3)), PARAMETERS, noise)
     count = sum(INTERVALS) + 2
     a_priori = np.kron(0.3 ** abs(np.subtract.outer(np.arange(count), np.arange(count))), np.eye(3))
     by_u = written_out(process)
@@ -167,7 +207,7 @@ def test_an_outlier_is_told_from_what_the_process_does():
     process = process_of(0.0, sigma=30.0)
     values_m = observed(process, 0.0)
     values_m[50] += 100.0 * SIGMA_M
-    edited = fit_with_editing(model_of(process, values_m), PARAMETERS, SIGMA_M)
+    edited = fit_with_editing(model_of((process,), values_m), PARAMETERS, SIGMA_M)
     assert np.flatnonzero(~edited.fit.used).tolist() == [50]
-    reference = fit_with_editing(model_of(None, values_m), PARAMETERS, SIGMA_M)
+    reference = fit_with_editing(model_of((), values_m), PARAMETERS, SIGMA_M)
     assert reference.robust_scale > 20.0

@@ -118,13 +118,15 @@ def images(scene, names):
     )  # that of map and image; tracking of 0.3 h alone has 8 m, of a descent 400 m
 
 
-def process_noise(scene, names):
+def with_process_noise(scene, names):
     noise = ProcessNoise(1e-6, 1e-6, 1e-6, interval_s=300.0)
     estimate = scene.study(*names).estimate
     orbit = replace(estimate.orbit or OrbitChoice(), process_noise=noise)
-    solution = radioloc.locate(
-        scene.study(*names, estimate=replace(estimate, orbit=orbit)), scene.observations
-    )
+    return scene.study(*names, estimate=replace(estimate, orbit=orbit))
+
+
+def process_noise(scene, names):
+    solution = radioloc.locate(with_process_noise(scene, names), scene.observations)
     assert solution.converged, solution.message
     assert solution.state.process is not None
     assert solution.fit.total.rejected == 0
@@ -186,3 +188,22 @@ def test_combination_works(scene, job, target):
 def test_combination_is_refused(scene, job, target):
     with pytest.raises(InputError, match=REFUSALS[job, target]):
         JOBS[job](scene, TARGETS[target])
+
+
+@pytest.mark.study
+@pytest.mark.parametrize("names", [("craft", "other"), ("lander", "craft", "other"), ("craft", "descent")])
+def test_each_orbit_has_process_noise_of_its_own(scene, names):
+    study = with_process_noise(scene, names)
+    joint = radioloc.locate(study, scene.observations)
+    assert joint.converged, joint.message
+    planned = radioloc.covariance(study, 0.5, scene.observations)
+    plans = dict(zip(names, (planned, *planned.others), strict=True))
+    for name in {*names} & {"craft", "other"}:
+        # No observation and no parameter is of both: each is as in a fit of its own, a plan as the fit.
+        separate = radioloc.locate(with_process_noise(scene, (name,)), scene.observations).state
+        np.testing.assert_allclose(joint.states[name].covariance, separate.covariance, rtol=1e-3)
+        times = separate.orbit.times(5)
+        for state in (joint.states[name], plans[name].longest.state):
+            np.testing.assert_allclose(state.sigma_rtn_m(times), separate.sigma_rtn_m(times), rtol=2e-3)
+    if "descent" in names:
+        assert joint.states["descent"].process is None

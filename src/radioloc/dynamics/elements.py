@@ -1,10 +1,10 @@
 """Osculating elements of a state.
 
-Angles are measured in axes given as the rows of an array (3, 3), such as :func:`equatorial_axes`. Keplerian elements
-are those of Montenbruck and Gill (2000), section 2.2. Equinoctial elements are regular for circular and equatorial
-orbits (Walker, Ireland and Owens 1985, Celestial Mechanics 36, 409): the semi-major axis; ex and ey, the eccentricity
-times cosine and sine of periapsis + node; hx and hy, tan(inclination / 2) times cosine and sine of the node; and the
-true longitude, periapsis + node + true anomaly.
+Angles are relative to reference axes, given as the rows of an array (3, 3), such as :func:`equatorial_axes`. Keplerian
+elements are those of Montenbruck and Gill (2000), section 2.2. Equinoctial elements are regular for circular and
+equatorial orbits (Walker, Ireland and Owens 1985, Celestial Mechanics 36, 409): the semi-major axis; ex and ey, the
+eccentricity times cosine and sine of periapsis + node; hx and hy, tan(inclination / 2) times cosine and sine of the
+node; and the true longitude, periapsis + node + true anomaly.
 """
 
 from __future__ import annotations
@@ -32,13 +32,16 @@ EQUINOCTIAL = ("semi_major_axis_m", "ex", "ey", "hx", "hy", "true_longitude_deg"
 ELEMENT_NAMES = {"keplerian": KEPLERIAN, "equinoctial": EQUINOCTIAL}
 """Names of the elements of each form, in order."""
 
-_IMAGINARY_STEP = 1e-30  # its square underflows: complex steps give partials without rounding
+_IMAGINARY_STEP = 1e-30  # its square is negligible: complex steps give partials without rounding errors
 _RAD_PER_DEG = np.pi / 180.0  # np.radians refuses complex numbers
 
 
-def equatorial_axes(libration: LunarOrientation, tdb: Epochs) -> Floats:
-    """Return axes of the Moon's equator in the ICRF as rows (3, 3): node on the ICRF xy plane, 90 deg ahead, pole."""
-    pole = rot_icrf_to_pa(libration.angles(tdb)[0])[0, 2]
+def equatorial_axes(orientation: LunarOrientation, tdb: Epochs) -> Floats:
+    """Return axes of the Moon's equator at the first epoch, in the ICRF, as rows (3, 3).
+
+    The x-axis points to the ascending node on the ICRF xy plane, the z-axis to the pole.
+    """
+    pole = rot_icrf_to_pa(orientation.angles(tdb)[0])[0, 2]
     to_node = np.array([-pole[1], pole[0], 0.0]) / np.hypot(pole[0], pole[1])
     return np.stack([to_node, np.cross(pole, to_node), pole])
 
@@ -62,7 +65,7 @@ def elements_from_state(
     gm_m3_s2 : float
         GM of the body, m^3/s^2.
     axes : array_like, shape (3, 3)
-        Axes of the angles as rows, in the axes of the state.
+        Unit vectors of the reference axes as rows, in the frame of the state.
     form : {"keplerian", "equinoctial"}
         Kind of the elements.
 
@@ -75,7 +78,8 @@ def elements_from_state(
     Raises
     ------
     InputError
-        The state has no plane, is parabolic, or has an inclination of exactly 180 deg; or the form is unknown.
+        Position and velocity are parallel, the orbit is parabolic or has an inclination of exactly 180 deg, or the form
+        is unknown.
 
     Examples
     --------
@@ -115,7 +119,23 @@ def elements_from_state(
 def state_from_elements(
     elements: ArrayLike, gm_m3_s2: float, axes: ArrayLike, form: str = "keplerian"
 ) -> Floats:
-    """Return the state of osculating elements, m and m/s, shape (6,); parameters as in :func:`elements_from_state`.
+    """Return the state of osculating elements.
+
+    Parameters
+    ----------
+    elements : array_like, shape (6,)
+        Elements in the order of :data:`KEPLERIAN` or :data:`EQUINOCTIAL`, m and deg.
+    gm_m3_s2 : float
+        GM of the body, m^3/s^2.
+    axes : array_like, shape (3, 3)
+        Unit vectors of the reference axes as rows, in the frame of the state.
+    form : {"keplerian", "equinoctial"}
+        Kind of the elements.
+
+    Returns
+    -------
+    ndarray, shape (6,)
+        Position, m, and velocity, m/s, relative to the body's centre.
 
     Raises
     ------
@@ -148,7 +168,7 @@ def state_from_elements(
 
 
 def state_with_partials(elements: Floats, gm_m3_s2: float, axes: Floats, form: str) -> tuple[Floats, Floats]:
-    """Return the state (6,) of elements, also of a hyperbola, and its partials with respect to them, (6, 6)."""
+    """Return the state (6,) of elements, also of a hyperbola, and its partials (6, 6), those of angles per degree."""
     stepped = elements + 1j * _IMAGINARY_STEP * np.eye(6)
     states = np.stack([_analytic_state(item, gm_m3_s2, axes, form) for item in stepped], axis=-1)
     return states[:, 0].real, states.imag / _IMAGINARY_STEP

@@ -30,17 +30,17 @@ _ICRF, _ICRF_CODE = "J2000", 1  # SPICE's name and code of the ICRF
 _INERTIAL_CLASS = 1  # of frames in SPICE
 _EPHEMERIS_CENTERS = {0, 3, 10, 301, 399}  # NAIF codes of the centres that every ephemeris has
 _MAX_NATURAL_CODE = 999  # NAIF codes of the Sun, barycentres, planets and moons are 0 to 999
-_ALWAYS_S = (-np.inf, np.inf)
+_UNLIMITED_SPAN_S = (-np.inf, np.inf)
 _MAX_CHAIN_LENGTH = 10  # bodies from a spacecraft to the centre of an ephemeris; real files have two or three
 
 
 @runtime_checkable
-class AnyTrajectory(Protocol):
+class SpacecraftTrajectory(Protocol):
     """Trajectory of a spacecraft, read from a file or integrated."""
 
     @property
     def name(self) -> str:
-        """Name in messages."""
+        """Name used in messages."""
         ...
 
     def geocentric(self, ephemeris: Ephemeris, tdb: Epochs) -> tuple[Floats, Floats]:
@@ -53,7 +53,7 @@ class AnyTrajectory(Protocol):
 
 
 @runtime_checkable
-class AdjustableTrajectory(AnyTrajectory, Protocol):
+class AdjustableTrajectory(SpacecraftTrajectory, Protocol):
     """Trajectory as a function of parameters, such as the state at an epoch and the forces."""
 
     def position_partials(self, tdb: Epochs) -> Floats:
@@ -65,7 +65,7 @@ class AdjustableTrajectory(AnyTrajectory, Protocol):
         ...
 
     def corrected(self, x: Floats) -> AdjustableTrajectory:
-        """Return the trajectory of parameters increased by x, shape (p,)."""
+        """Return the trajectory with the parameters increased by x, shape (p,)."""
         ...
 
 
@@ -78,14 +78,16 @@ class TrajectorySegment:
     end_s: float
     series: StateSeries
     rot_to_icrf: Floats  # from the segment's inertial frame, shape (3, 3)
-    axes: LunarAxes | None = None  # fixed to the Moon, in the place of an inertial frame
+    axes: LunarAxes | None = (
+        None  # axes of the states if they are fixed to the Moon; None for an inertial frame
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trajectory:
     """Trajectory of a body from an SPK, opened by :meth:`Trajectory.open`."""
 
-    kernel: KernelFile  #: its span is from the body's first epoch to its last, gaps or not
+    kernel: KernelFile  #: its span is from the body's first epoch to its last, including gaps
     body: int  #: NAIF code
     segments: tuple[TrajectorySegment, ...]  #: in the file's order
     center_trajectories: Mapping[int, Trajectory]  #: of centres that the same file gives, by NAIF code
@@ -107,8 +109,8 @@ class Trajectory:
         Raises
         ------
         KernelError
-            The file is missing, damaged or of another kind; lacks the body or its centre; or has another frame or
-            another type of segment.
+            The file is missing, damaged or of another kind; lacks the body or its centre; or has a frame or a
+            type of segment that is not listed above.
         InputError
             The code is not an integer.
         """
@@ -134,10 +136,11 @@ class Trajectory:
 
     @accepts_quantities
     def geocentric(self, ephemeris: Ephemeris, tdb: EpochsLike) -> tuple[Floats, Floats]:
-        """Return geocentric positions and velocities in barycentric coordinates, ICRF axes, m and m/s, (n, 3) each.
+        """Return positions and velocities relative to the Earth's centre, ICRF axes, m and m/s, (n, 3) each.
 
-        They are geometric (no light time). Segments are evaluated at one float, seconds since J2000, to 0.06
-        microseconds, 0.1 mm at 2 km/s; the velocity times the remainder of the epoch is added.
+        They are geometric (no light time), in the coordinates of the barycentric system (BCRS) compatible with TDB. The
+        segments take an epoch as one float, which rounds it to 0.06 microseconds (0.1 mm at 2 km/s). The velocity times
+        the remainder of the epoch corrects the position.
 
         Raises
         ------
@@ -172,7 +175,7 @@ class Trajectory:
             return ephemeris.geocentric_center(code, tdb)
         except KernelError as error:
             raise KernelError(
-                f"{self.kernel.path} gives body {self.body} relative to {code}, which it does not hold: {error}"
+                f"{self.kernel.path} gives body {self.body} relative to body {code}, which is not in that file: {error}"
             ) from error
 
     def spans_s(self) -> list[tuple[float, float]]:
@@ -200,8 +203,10 @@ class Trajectory:
         for k in np.unique(indices).tolist():
             segment, rows = self.segments[k], np.flatnonzero(indices == k)
             with np.errstate(all="ignore"):
-                halves = segment.series.states(et_s[rows]).reshape(-1, 2, 3) @ segment.rot_to_icrf.T
-            states[rows] = halves.reshape(-1, 6)
+                position_and_velocity = (
+                    segment.series.states(et_s[rows]).reshape(-1, 2, 3) @ segment.rot_to_icrf.T
+                )
+            states[rows] = position_and_velocity.reshape(-1, 6)
             if segment.axes is not None:
                 states[rows] = segment.axes.states_to_icrf(states[rows], et_s[rows])
         if not np.isfinite(states).all():
@@ -235,7 +240,7 @@ def _trajectory(
             )
         elif not 0 <= center <= _MAX_NATURAL_CODE:
             raise KernelError(
-                f"{path} gives body {body} relative to {center}, which it does not hold (it holds "
+                f"{path} gives body {body} relative to body {center}, which is not in that file (it holds "
                 f"{', '.join(map(str, sorted(segments_by_body)))}); add the SPK of {center} to the file, for example "
                 "by NAIF's spkmerge"
             )
@@ -258,7 +263,7 @@ def _covered_spans_s(
 ) -> Iterator[tuple[float, float]]:
     """Yield the parts of a segment's span for which its centre has a trajectory, or all of it for other centres."""
     center = center_trajectories.get(segment.center)
-    for start_s, end_s in [_ALWAYS_S] if center is None else center.covered_s:
+    for start_s, end_s in [_UNLIMITED_SPAN_S] if center is None else center.covered_s:
         if start_s <= segment.end_s and segment.start_s <= end_s:
             yield max(segment.start_s, start_s), min(segment.end_s, end_s)
 

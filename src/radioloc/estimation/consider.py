@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 
 from radioloc.estimation.least_squares import FitResult
-from radioloc.estimation.linearization import gram, times
+from radioloc.estimation.linearization import gram, matrix_product
 from radioloc.lunar.local import EAST_NORTH_UP
 from radioloc.noise.whitening import RowsOf, TransposableWhitener, slices
 from radioloc.parameters.parameter import Parameter, ParameterSet, Role
@@ -179,7 +179,7 @@ def principal_errors(effects: Floats, sigma_m: Floats, unit_partials: Floats, us
     residual_squares = gram(weighted, weighted) / (_MIN_EFFECT_VARIANCE * len(effects))
     squares = shifts.T @ shifts + _MIN_EFFECT_SIGMAS**2 * residual_squares
     values, axes = np.linalg.eigh(squares)
-    return times(effects, axes[:, np.cumsum(values) > _MIN_EFFECT_SIGMAS**2])
+    return matrix_product(effects, axes[:, np.cumsum(values) > _MIN_EFFECT_SIGMAS**2])
 
 
 @dataclass(frozen=True, slots=True, eq=False)

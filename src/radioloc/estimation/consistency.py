@@ -1,16 +1,19 @@
 """Consistency tests: detection and identification of gross errors (Baarda 1968; Teunissen 1990).
 
-1. Detection. Columns Z that are added to the design matrix remove a group of observations (station, link, type, pass)
-   from the fit, or describe an error (:mod:`~radioloc.estimation.hypotheses`). Without the error, the test statistic
-   T = s^T F^-1 s of :mod:`~radioloc.estimation.group_tests` is chi-square of q = rank F degrees of freedom. Its p-value
-   is multiplied by the number of tests (Bonferroni correction).
-2. Identification. The error with the smallest p-value is tested again with the noise of the residuals after its
-   estimation, since noise from residuals that contain a large error hides it. T/q then follows Fisher's distribution
-   with q and f degrees of freedom, f of the noise. The smaller p-value of steps 1 and 2 decides; the number of tests
-   includes both.
-3. Separability (Foerstner 1983). Another error Z_2 remains possible if T(Z, Z_2) - T(Z_2) is not significant. The
-   finding names the possible error with the largest odds, and the others as its alternatives.
-4. Adaptation. Z becomes part of the design matrix, and steps 1 to 3 are repeated until no test is significant.
+1. Detection. Each hypothesis adds columns Z to the design matrix. They model an error
+   (:mod:`~radioloc.estimation.hypotheses`), or remove a group of observations from the fit (a station, link, type or
+   pass). Without the error, the test statistic T = s^T F^-1 s of :mod:`~radioloc.estimation.group_tests` follows the
+   chi-square distribution with q = rank F degrees of freedom. Its p-value is multiplied by the number of tests
+   (Bonferroni correction).
+2. Identification. A large error enlarges the noise that is estimated from the residuals, and so hides itself. The
+   error with the smallest p-value is therefore estimated, and all errors are tested again with the noise of the
+   residuals that remain. T/q then follows the F distribution with q and f degrees of freedom, where f is that of the
+   variance of the noise as estimated from the residuals. The smaller of the two p-values decides; the correction for
+   the number of tests counts those of both stages.
+3. Separability (Foerstner 1983). Let T(Z, Z_2) be the statistic of two errors tested jointly. The error Z_2 is another
+   possible cause if Z does not improve the fit significantly once Z_2 is estimated, that is, if T(Z, Z_2) - T(Z_2) is
+   not significant. The finding names the possible cause with the largest odds, and the others as its alternatives.
+4. Adaptation. Z becomes part of the design matrix, and stages 1 to 3 are repeated until no test is significant.
 
 References: Baarda (1968), A testing procedure for use in geodetic networks; Foerstner (1983), Reliability and
 discernability of extended Gauss-Markov models; Teunissen (1990), Quality control in integrated navigation systems.
@@ -58,9 +61,9 @@ _LOG_SIGNIFICANCE_LEVEL = math.log(SIGNIFICANCE_LEVEL)
 _LOG_SEPARABILITY_LEVEL = math.log(1e-3)  # excludes one right cause in a thousand
 _MAX_FINDING_COUNT = 3  # further findings are mostly consequences of the first
 _MAX_GROUP_COUNT = 200  # bounds the time for long arcs of many passes
-_MAX_ROUND_COUNT = 3  # of noise and most significant error, each computed from the other
+_MAX_ROUND_COUNT = 3  # iterations between the noise and the most significant error
 _MIN_SQUARED_CORRELATION = 1.0 - 1e-6  # above which two columns describe the same error
-_STEP_SEARCH_BIN_COUNT = 3.0  # bins on either side of a step that are searched for its epoch
+_JUMP_SEARCH_BIN_COUNT = 3.0  # bins on either side of a jump that are searched for its epoch
 _ERROR_KINDS = ("a priori", "parameter", "offset", "jump", FORCES)  # the more specific first
 _log_p_value = attrgetter("log_p_value")
 
@@ -107,18 +110,19 @@ def assess_consistency(
     epoch_utc: Epochs,
     enu_partials: Floats | None,
     run_findings: Sequence[ConsistencyTest] = (),
-    state_partials: Floats | None = None,
+    orbit_partials: Floats | None = None,
 ) -> Consistency:
     """Search for gross errors, and assess the smallest errors that the search detects (reliability).
 
-    `enu_partials` (3, p) are those of the position, None for a moving target; `state_partials` those of the position in
-    an orbit, for its reliability; `run_findings` the findings on runs of outliers (:func:`outlier_run_findings`).
+    `enu_partials` (3, p) are the partials of the east-north-up position with respect to the parameters, None for a
+    moving target. `orbit_partials` (3, p) are the same for a position in an orbit, and serve its reliability only.
+    `run_findings` are the findings on runs of outliers (:func:`outlier_run_findings`).
     """
     if hypotheses is None:
         return Consistency(findings=tuple(run_findings))
     search = _GrossErrorSearch(hypotheses, epoch_utc, _to_problem_units(enu_partials, hypotheses))
     group_tests = search.test_groups(hypotheses.problem)
-    groups = tuple(map(search.record, group_tests))
+    groups = tuple(map(search.to_record, group_tests))
     findings, problem = search.find_errors(group_tests)
 
     counts = Counter(item.family for item in hypotheses.continuous)
@@ -126,13 +130,16 @@ def assess_consistency(
         hypotheses.problem.with_noise_of(problem) if findings else problem,
         hypotheses.continuous,
         {family: _LOG_SIGNIFICANCE_LEVEL - _log_test_count(count) for family, count in counts.items()},
-        _to_problem_units(enu_partials if state_partials is None else state_partials, hypotheses),
+        _to_problem_units(enu_partials if orbit_partials is None else orbit_partials, hypotheses),
     )
-    if not findings or all(map(search.is_rejected_series, findings)):  # the rejection corrects the error
+    # An error whose observations are rejected as outliers no longer acts: their runs are reported in its place.
+    if not findings or all(map(search.is_covered_by_rejections, findings)):
         return Consistency(groups, tuple(run_findings), None, reliability)
     records = tuple(search.joint_records(findings, problem))
     explained_runs = {
-        search.run_key(rows) for rows in hypotheses.readmitted if not search.is_run_significant(problem, rows)
+        search.run_key(rows)
+        for rows in hypotheses.readmitted_runs
+        if not search.is_run_significant(problem, rows)
     }
     other_runs = (item for item in run_findings if (item.name, item.first_utc) not in explained_runs)
     adapted = adapted_estimate(problem, hypotheses.fit)
@@ -158,7 +165,7 @@ def outlier_run_findings(
             chi2=chi2,
             dof=len(rows),
             log10_p_value=chi2_log_p_value(chi2, len(rows)) / math.log(10.0),
-            amounts={"": float(residual_m.mean())},
+            amounts={"": float(residual_m.mean())},  # a scalar has no name of a component
             unit=unit,
             first_utc=str(first_utc),
             last_utc=str(last_utc),
@@ -210,7 +217,7 @@ class _GrossErrorSearch:
         return groups
 
     def test_hypotheses(self, problem: BinnedProblem, group: _ErrorTest | None = None) -> list[_ErrorTest]:
-        """Test all hypotheses, with steps at their most significant epochs, and again a group."""
+        """Test all hypotheses, jumps at their most significant epochs, and optionally a group again."""
         hypotheses = list(self.hypotheses.continuous)
         counts = Counter(item.family for item in hypotheses)
         for name, links in self.hypotheses.link_sets:
@@ -254,9 +261,9 @@ class _GrossErrorSearch:
             return _with_alternatives(identified, reweighted, tests, noise_dof)
         return identified
 
-    def is_rejected_series(self, finding: _ErrorTest) -> bool:
-        """Return whether a finding is a step or offset of series that have runs of rejected outliers."""
-        codes = {int(self.hypotheses.order.code[rows[0]]) for rows in self.hypotheses.readmitted}
+    def is_covered_by_rejections(self, finding: _ErrorTest) -> bool:
+        """Return whether a finding is a jump or offset only of series with runs of rejected outliers."""
+        codes = {int(self.hypotheses.order.code[rows[0]]) for rows in self.hypotheses.readmitted_runs}
         return finding.hypothesis.kind in ("jump", "offset") and codes >= finding.hypothesis.links.keys()
 
     def run_key(self, rows: Rows) -> tuple[str, str]:
@@ -267,7 +274,7 @@ class _GrossErrorSearch:
 
     def is_run_significant(self, problem: BinnedProblem, rows: Rows) -> bool:
         """Return whether the offset of a run of outliers is significant once the findings are parameters."""
-        hypothesis, count = self.hypotheses.run(rows), len(self.hypotheses.readmitted)
+        hypothesis, count = self.hypotheses.run(rows), len(self.hypotheses.readmitted_runs)
         score_test = problem.test(hypothesis.columns)
         return score_test is not None and _ErrorTest.from_score(hypothesis, score_test, count).is_significant
 
@@ -277,24 +284,24 @@ class _GrossErrorSearch:
         for finding in findings:
             begin = len(extended.estimate)
             extended = extended.with_parameters(finding.hypothesis.columns)
-            shift, root_shift = estimate_change(fitted, extended)
+            shift, root = estimate_change(fitted, extended)
             estimate = problem.estimate[begin : len(extended.estimate)]
-            score_test = replace(finding.score_test, estimate=estimate, shift=shift, root_shift=root_shift)
-            yield self.record(replace(finding, score_test=score_test))
+            joint = replace(finding.score_test, estimate=estimate, shift=shift, shift_root_covariance=root)
+            yield self.to_record(replace(finding, score_test=joint))
 
-    def record(self, test: _ErrorTest) -> ConsistencyTest:
+    def to_record(self, test: _ErrorTest) -> ConsistencyTest:
         """Return the record of a test, in units and with its change of the position."""
         hypothesis, score_test = test.hypothesis, test.score_test
         shift_m = sigma_m = None
         if self.enu_partials is not None:
             width = self.enu_partials.shape[1]
             shift_m = tuple((self.enu_partials @ score_test.shift[:width]).tolist())
-            root_m = self.enu_partials @ score_test.root_shift[:width]
+            root_m = self.enu_partials @ score_test.shift_root_covariance[:width]
             sigma_m = tuple(np.linalg.norm(root_m, axis=1).tolist())
         amounts, data_values = dict[str, float](), dict[str, float]()
         if not test.is_group:
             values = score_test.estimate * hypothesis.sigmas
-            # Forces have no components.
+            # Forces have no names of components.
             amounts = dict(zip(hypothesis.components, values.tolist(), strict=False))
             if hypothesis.prior_values is not None:
                 values = hypothesis.prior_values + values
@@ -314,7 +321,7 @@ class _GrossErrorSearch:
             last_utc=last_utc,
             prior_sigmas=None if test.is_group else test.sigmas,
             data_values=data_values,
-            alternatives=tuple(map(self.record, test.alternatives)),
+            alternatives=tuple(map(self.to_record, test.alternatives)),
         )
 
     def interval_utc(self, hypothesis: Hypothesis) -> tuple[str, str]:
@@ -322,16 +329,18 @@ class _GrossErrorSearch:
         if hypothesis.span_s is None:
             return "", ""
         order, fit, (begin_s, end_s) = self.hypotheses.order, self.hypotheses.fit, hypothesis.span_s
-        rows = np.flatnonzero(fit.used & np.isin(order.code, list(hypothesis.links)))
+        usable = fit.used.copy()
+        usable[[row for rows in self.hypotheses.readmitted_runs for row in rows]] = True
+        rows = np.flatnonzero(usable & np.isin(order.code, list(hypothesis.links)))
         rows = rows[np.argsort(order.time_s[rows], kind="stable")]
         time_s = order.time_s[rows]
         first = int(np.searchsorted(time_s, begin_s))
         last = int(np.searchsorted(time_s, end_s, side="right")) - 1
         bin_s = self.hypotheses.problem.width_s(hypothesis.links) if hypothesis.kind == "jump" else 0.0
-        if bin_s > 0.0:  # locate the step within its bins
-            near = np.flatnonzero(np.abs(time_s - begin_s) <= _STEP_SEARCH_BIN_COUNT * bin_s)
+        if bin_s > 0.0:  # locate the jump within its bins
+            near = np.flatnonzero(np.abs(time_s - begin_s) <= _JUMP_SEARCH_BIN_COUNT * bin_s)
             signs = np.array([hypothesis.links[code] for code in order.code[rows[near]].tolist()])
-            first = int(near[_step_index(signs * fit.residual_m[rows[near]])]) if len(near) > 1 else first
+            first = int(near[_jump_index(signs * fit.residual_m[rows[near]])]) if len(near) > 1 else first
         first_utc, last_utc = utc_strings(self.epoch_utc[rows[[first, last]]], decimals=0)
         return str(first_utc), "" if math.isinf(end_s) else str(last_utc)
 
@@ -351,8 +360,8 @@ def _to_problem_units(partials: Floats | None, hypotheses: Hypotheses) -> Floats
     return partials[:, np.flatnonzero(estimated)] @ units[estimated[parameters.free], :width]
 
 
-def _step_index(values: Floats) -> int:
-    """Return the index of the first value after the step that lowers the sum of squares of two or more values most."""
+def _jump_index(values: Floats) -> int:
+    """Return the index of the first value after the jump that lowers the sum of squares of two or more values most."""
     n, sums, counts = len(values), np.cumsum(values), np.arange(1, len(values))
     decreases = (sums[:-1] - counts * sums[-1] / n) ** 2 / (counts * (n - counts))  # times n
     return 1 + int(np.argmax(decreases))
@@ -396,9 +405,9 @@ def _is_possible(
     item: _ErrorTest, best: _ErrorTest, products: ScoreProducts, indices: tuple[int, ...], noise_dof: float
 ) -> bool:
     """Return whether the best error, of the first columns, is insignificant once another error is estimated."""
-    union = products.test((*indices, *range(best.width)))
-    assert union is not None  # a part of it is determined
-    chi2, dof = union.chi2 - item.score_test.chi2, union.dof - item.score_test.dof
+    joint_test = products.test((*indices, *range(best.width)))
+    assert joint_test is not None  # the other error alone is determined
+    chi2, dof = joint_test.chi2 - item.score_test.chi2, joint_test.dof - item.score_test.dof
     return not dof or f_log_p_value(chi2, dof, noise_dof) >= _LOG_SEPARABILITY_LEVEL
 
 

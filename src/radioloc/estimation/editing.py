@@ -13,10 +13,12 @@ observations, so that rejections do not tighten the limit.
 2. All observations within the limit are used, whether they were used before or not, and the others are rejected.
 3. The parameters are estimated; steps 2 and 3 are repeated until the set of used observations stays the same.
 
-No observation is rejected if more than 30 % would be: the model, a station or the sigmas are then wrong. If so many
-residuals of the robust estimate are large, those of a fit to all observations decide. Links with 70 % of outliers or
-more do not count if they have less than half of the observations, the largest fraction of errors that an estimate
-withstands (Rousseeuw and Leroy 1987): a fit to a station clock that is 1 ms off ends thousands of kilometres away.
+No observation is rejected if more than 30 % would be: the model, a station or the sigmas are then wrong. If more than
+30 % exceed their limits at the robust estimate, the decision is repeated with the residuals of a fit to all
+observations. A link with 70 % of outliers or more is taken as wrong as a whole and is left out of this count, as long
+as such links hold less than half of the observations, the largest fraction of errors that an estimate withstands
+(Rousseeuw and Leroy 1987). Otherwise a station clock that is 1 ms off would be fitted, and the position would end
+thousands of kilometres away.
 
 References: Baarda (1968), A testing procedure for use in geodetic networks; Belsley, Kuh and Welsch (1980), chapter 2;
 Rousseeuw and Leroy (1987), Robust regression and outlier detection, section 1.2.
@@ -91,7 +93,7 @@ class EditedFit:
 
     @property
     def can_continue(self) -> bool:
-        """True if another fit can start here: the fit converged, and outliers are not too many to be rejected."""
+        """True if another fit can start here: the fit converged, and the outliers are few enough to be rejected."""
         too_many_outliers = not self.is_settled and self.fit.used[self.initial_status.are(USED)].all()
         return self.fit.converged and not too_many_outliers
 
@@ -116,12 +118,13 @@ def fit_with_editing(
     threshold: float | None = THRESHOLD,
     previous: EditedFit | None = None,
     start: Floats | None = None,
-    series: Indices | None = None,
+    link_indices: Indices | None = None,
 ) -> EditedFit:
     """Estimate parameters and reject outliers until the set of used observations stays the same.
 
-    `status` (n,) gives the reasons why observations are not usable, `threshold` is in sigmas (None rejects nothing),
-    `previous` is a fit whose residuals replace the robust estimate, and `series` (n,) are indices of links.
+    `status` (n,) gives the reasons why observations are not usable. `threshold` is in sigmas; None rejects nothing.
+    `previous` is a fit whose residuals replace those of the robust estimate. `link_indices` (n,) are the links of the
+    observations; without them, no link is taken as wrong as a whole.
     """
     if threshold is not None and not threshold >= _MIN_THRESHOLD:
         raise InputError(f"threshold: expected {_MIN_THRESHOLD:g} sigmas or more, got {threshold}")
@@ -133,7 +136,7 @@ def fit_with_editing(
     n = len(linearization.residual_m)
     noise = ObservationCovariance.from_sigma(sigma_m, n)
     initial_status = _initial_labels(status, n)
-    editor = _Editor(residual_function, parameters, noise, initial_status.are(USED), series)
+    editor = _Editor(residual_function, parameters, noise, initial_status.are(USED), link_indices)
     if threshold is None or editor.max_rejected < 1:
         result = editor.fit(editor.usable, x, linearization)
         return EditedFit(result, initial_status, editor.scale(result.residual_m))
@@ -220,18 +223,18 @@ class _Selection(NamedTuple):
 
     used: Mask
     message: str = ""
-    is_settled: bool = True  # False if the message says why the editing ends early
+    is_settled: bool = True  # False if all outliers are used, or the editing ends at the limit of fits
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Editor:
-    """Problem whose observations are selected."""
+    """Inputs of the editing, with its fit and the limit on the number of outliers."""
 
     residual_function: ResidualFunction
     parameters: ParameterSet
     noise: ObservationCovariance
     usable: Mask  # (n,), mask of the observations that may be used
-    series: Indices | None  # (n,), indices of links
+    link_indices: Indices | None  # (n,)
 
     @property
     def unconstrained_count(self) -> int:
@@ -240,7 +243,7 @@ class _Editor:
 
     @property
     def max_rejected(self) -> int:
-        """Largest number of outliers."""
+        """Largest number of outliers among all usable observations."""
         return self.max_outliers(int(self.usable.sum()))
 
     def max_outliers(self, count: int) -> int:
@@ -248,14 +251,14 @@ class _Editor:
         return min(int(_MAX_REJECTED_FRACTION * count), count - self.unconstrained_count - 1)
 
     def are_too_many(self, outliers: Mask) -> bool:
-        """Return whether outliers (n,) are too many to be rejected; series that are wrong as a whole do not count."""
-        if outliers.sum() <= self.max_rejected or self.series is None:
+        """Return whether outliers (n,) are too many to be rejected; links that are wrong as a whole do not count."""
+        if outliers.sum() <= self.max_rejected or self.link_indices is None:
             return bool(outliers.sum() > self.max_rejected)
-        outlier_count, count = (np.bincount(self.series, rows) for rows in (outliers, self.usable))
-        is_right = count - outlier_count > _MAX_REJECTED_FRACTION * count
-        right_count = int(count[is_right].sum())
-        is_majority = 2 * right_count > count.sum()
-        return not (is_majority and outlier_count[is_right].sum() <= self.max_outliers(right_count))
+        outlier_count, count = (np.bincount(self.link_indices, mask) for mask in (outliers, self.usable))
+        is_plausible = count - outlier_count > _MAX_REJECTED_FRACTION * count
+        plausible_count = int(count[is_plausible].sum())
+        is_majority = 2 * plausible_count > count.sum()
+        return not (is_majority and outlier_count[is_plausible].sum() <= self.max_outliers(plausible_count))
 
     def fit(self, used: Mask, x: Floats, linearization: Linearization) -> FitResult:
         """Estimate the parameters from the used observations."""
@@ -285,8 +288,8 @@ class _Editor:
 def _studentized_limits(fit: FitResult, residual_m: Floats, limit_m: Floats, usable: Mask) -> Floats:
     """Multiply limits (n,) by sqrt(1 - h), or sqrt(1 + h) for rejected observations.
 
-    With limits of unscaled residuals, rejections of observations of high leverage would depend on the start of the fit.
-    Residuals so small that no leverage takes them beyond their limit keep theirs.
+    Without these factors, rejections of observations of high leverage would depend on the start of the fit.
+    The limits of residuals that are too small to be rejected at any leverage are left unchanged.
     """
     rows = np.flatnonzero(usable & (np.abs(residual_m) > _MIN_STUDENTIZED_RATIO * limit_m))
     leverage, limit_m = fit.leverage(rows), limit_m.copy()

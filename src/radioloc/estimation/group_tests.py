@@ -25,7 +25,7 @@ import numpy as np
 from radioloc.estimation.consider import UnestimatedErrors
 from radioloc.estimation.gauss_markov import Points, SeriesNoise, noise_of_series
 from radioloc.estimation.least_squares import FitResult
-from radioloc.estimation.linearization import gram, times
+from radioloc.estimation.linearization import gram, matrix_product
 from radioloc.estimation.series import SeriesOrder, independent_series, link_contributions, points_of
 from radioloc.estimation.time_correlation import ABSORBED_SIGMAS, mixed_units
 from radioloc.noise.whitening import Rows, column
@@ -51,7 +51,9 @@ class ScoreTest:
     estimate: Floats  # (k,), coefficients of the columns
     root: Floats  # (k, dof), square root of their covariance
     shift: Floats  # (c,), change of the parameters
-    root_shift: Floats  # (c, dof), square root of the covariance of the shift under the null hypothesis
+    shift_root_covariance: (
+        Floats  # (c, dof), square root of the covariance of the shift under the null hypothesis
+    )
     log_p_value: float  # logarithm of the p-value
     variance_factor: float = 1.0  # variance factor of the common errors of links
 
@@ -160,7 +162,7 @@ class BinnedProblem:
         points, roots, white = self.points, list[Floats](), list[float]()
         partials = np.concatenate([points.unit, self.prior[:, 1:]])
         inverse = _scaled_inverse(gram(partials, partials))
-        leverage = np.einsum("nc,nc->n", times(points.unit, inverse), points.unit)
+        leverage = np.einsum("nc,nc->n", matrix_product(points.unit, inverse), points.unit)
         absorbed = np.add.reduceat(leverage, points.begin[:-1]).tolist()
         for k, series in enumerate(points.series):
             part = points.series_slice(k)

@@ -108,7 +108,7 @@ class Hypotheses:
     candidates: UnestimatedErrors | None  # parameters that the fit holds at zero
     codes: tuple[int, ...]  # indices of all series
     count_s: Floats | None = None  # (n,), count intervals
-    readmitted: tuple[Rows, ...] = ()  # runs of outliers that are observations of the problem
+    readmitted_runs: tuple[Rows, ...] = ()  # runs of outliers that are observations of the problem
 
     @classmethod
     def from_fit(
@@ -127,8 +127,8 @@ class Hypotheses:
         """
         fit = edited.fit
         used = edited.fit.used.copy()
-        readmitted = tuple(_majority_runs(edited, order, runs))
-        for rows in readmitted:
+        readmitted_runs = tuple(_majority_runs(edited, order, runs))
+        for rows in readmitted_runs:
             used[rows] = True
         if not fit.converged or fit.dof < 1 or not (fit.parameters.free.any() and fit.used.any()):
             return None
@@ -136,8 +136,8 @@ class Hypotheses:
         fit = replace(fit, used=used)
         problem = BinnedProblem.from_fit(fit, order, noise_of, considered, candidates)
         codes = tuple(np.unique(problem.code).tolist())
-        fitted = problem if edited.series_weights or readmitted else replace(problem, roots=())
-        return cls(problem, fitted, fit, order, considered, candidates, codes, count_s, readmitted)
+        fitted = problem if edited.series_weights or readmitted_runs else replace(problem, roots=())
+        return cls(problem, fitted, fit, order, considered, candidates, codes, count_s, readmitted_runs)
 
     @cached_property
     def units(self) -> tuple[Floats, int]:

@@ -11,11 +11,12 @@ A = dc/dx with the a-priori rows by orthogonal transformations, with the singula
     [L A; P_0^-1/2] = U S V^T,    dx = V (S^2 + mu^2)^-1 S U^T [L (y - c); P_0^-1/2 (x_0 - x)].
 
 A step with mu = 0 that does not lower J is repeated with larger damping mu from the same decomposition. The covariance
-of the estimate is P = V S^-2 V^T. Directions of negligible singular values are undetermined and keep their start.
+of the estimate is P = V S^-2 V^T. Directions of negligible singular values are undetermined: parameters keep their
+start values there.
 
-Iterations end with convergence after a step below the tolerance; where the next step would be negligible; and where
-short steps no longer shrink, or do not lower J with any damping, as they are rounding. If a long step does not lower J
-with any damping, the fit diverges.
+Iterations have converged after a step below the tolerance, or if the next step would be negligible. They have also
+converged if short steps no longer shrink, or do not lower J with any damping, since rounding errors then dominate. If a
+long step does not lower J with any damping, the fit has diverged.
 
 References: Tapley, Schutz and Born (2004), sections 4.3 and 5.6; Bierman (1977), chapters IV and V; Levenberg (1944);
 Marquardt (1963).
@@ -44,10 +45,10 @@ from radioloc.estimation.linearization import (
     evaluate,
     evaluate_step,
     factorize,
+    matrix_product,
     process_noise,
-    refreshed,
     smooth_partials,
-    times,
+    with_new_right_side,
 )
 from radioloc.estimation.statistics import SCALING_PROBABILITY, chi2_quantile
 from radioloc.estimation.status import FitStatus
@@ -58,14 +59,20 @@ from radioloc.quantities import accepts_quantities
 from radioloc.vectors import Floats, Mask
 
 _MAX_ITERATIONS = 30
-_STEP_TOLERANCE = 1e-3  # formal sigmas times sqrt(J/n); a step of s sigmas lowers J by s^2
-_NEGLIGIBLE_STEP = 1e-3  # in tolerances; iterations end before such a step
-_MAX_ROUNDING_STEP = 10.0  # in tolerances; shorter steps that do not halve are rounding
-_SHORT_STEP_SIGMAS = 0.1  # step below which rounding may raise J
-_MAX_FUTILE_STEP = 1e-3  # in sqrt(J) sigmas; a step that would lower J by a millionth is rounding
-_RELATIVE_ROUNDING = 1e-4  # of J, in sqrt(J): ranges are rounded to 1e-7 m, and residuals are millimetres
-_MAX_DAMPING = 1e3  # in largest singular values: the step is then 1e-6 of the undamped one
-_MAX_FACTOR_REUSE_STEP = 1.0  # in scales of the parameters; changes the partials by less than 1e-6
+# The length of a step is that of dx in formal standard deviations; a step of s sigmas lowers J by s^2.
+_STEP_TOLERANCE = 1e-3  # length at convergence divided by sqrt(J/n)
+_NEGLIGIBLE_STEP = 1e-3  # length divided by the tolerance; iterations end before such a step
+_MAX_ROUNDING_STEP = (
+    10.0  # length divided by the tolerance; rounding errors dominate shorter steps that are not halved
+)
+_SHORT_STEP_SIGMAS = 0.1  # length; rounding errors may increase J after shorter steps
+_MAX_FUTILE_STEP = 1e-3  # length divided by sqrt(J); such a step would lower J by a millionth
+# Accepted increase of J divided by sqrt(J). Ranges are rounded to 1e-7 m, which is 1e-4 of a residual of 1 mm.
+_ROUNDING_INCREASE = 1e-4
+_MAX_DAMPING = 1e3  # damping divided by the largest singular value: the step is then 1e-6 of the undamped one
+_MAX_FACTOR_REUSE_STEP = (
+    1.0  # step divided by the scales of the parameters; changes the partials by less than 1e-6
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,7 +91,7 @@ class FitResult:
     dof: int  # used observations and a-priori values less determined directions
     status: FitStatus
     iterations: int  # number of Gauss-Newton steps
-    factor: Factor  # of the weighted problem, at x or within a converged step of it
+    factor: Factor  # decomposition of the whitened problem, at x or at an iterate that differs by a converged step
     whitening: Whitener  # of the used observations, by the weights of the fit
     time_correlation: TimeCorrelation | None = None  # noise model of fits with correlated weights
     smoothed: tuple[Smoothed, ...] = ()  # stochastic accelerations of each orbit
@@ -127,20 +134,20 @@ class FitResult:
         """Scale factor of the stated sigmas, sqrt(chi2/dof) if chi2 is significantly too large, otherwise 1.
 
         Correlated weights are scaled already. Without the scale, the mean of two ranges that are 20 sigmas apart would
-        have 0.7 of the sigma of one range.
+        have 0.7 of the sigma of one range, although the ranges contradict each other.
         """
         significant = self.dof > 0 and self.chi2 > chi2_quantile(SCALING_PROBABILITY, self.dof)
         return math.sqrt(self.chi2 / self.dof) if significant and self.has_independent_weights else 1.0
 
     def unit_partials(self, directions: Floats | None = None) -> RowsOf:
-        """Return the function from rows (m,) to A P^(1/2), partials of parameters of unit covariance, (m, q).
+        """Return a function that gives some rows of A P^(1/2), the partials for parameters scaled to unit covariance.
 
-        With orthonormal `directions` D, (q, w), it returns A P^(1/2) D, (m, w).
+        It maps rows (m,) to an array (m, q); with orthonormal `directions` D, (q, w), to A P^(1/2) D, (m, w).
         """
         root, polynomials = self._root_covariance(directions), smooth_partials(self.linearization)
         if polynomials is not None:
-            return polynomials.by(root)
-        return lambda rows: times(self.linearization.partials(rows), root)
+            return polynomials.combined(root)
+        return lambda rows: matrix_product(self.linearization.partials(rows), root)
 
     def _root_covariance(self, directions: Floats | None = None) -> Floats:
         """Return P^(1/2) D with rows of zeros for fixed parameters, (p, w)."""
@@ -165,7 +172,7 @@ class FitResult:
         if self.factor.whitened is None:
             return self.whitening.whitened(self.unit_partials(directions))
         root = self.factor.root_covariance()
-        return self.factor.whitened.by(root if directions is None else root @ directions)
+        return self.factor.whitened.combined(root if directions is None else root @ directions)
 
 
 @accepts_quantities
@@ -283,9 +290,10 @@ class _GaussNewton:
                 return iterate, FitStatus.CONVERGED
             descended = self.descend(iterate, damping)
             if descended is None:
-                # The sum of squares is at its minimum to rounding, or the partials are wrong.
-                max_step = max(_SHORT_STEP_SIGMAS, _MAX_FUTILE_STEP * np.sqrt(iterate.sum_of_squares))
-                return iterate, FitStatus.CONVERGED if length <= max_step else FitStatus.DIVERGED
+                # The sum of squares is at its minimum to rounding errors, or it overflows, or the partials are wrong.
+                max_step = max(_SHORT_STEP_SIGMAS, _MAX_FUTILE_STEP * math.sqrt(iterate.sum_of_squares))
+                is_minimum = length <= max_step < math.inf
+                return iterate, FitStatus.CONVERGED if is_minimum else FitStatus.DIVERGED
             previous_length, factor = length, iterate.factor
             iterate, damping = descended
             damping = damping / 3.0 if damping > 0.0 and damping > factor.least_damping else 0.0
@@ -296,18 +304,18 @@ class _GaussNewton:
     def descend(self, iterate: _Iterate, damping: float) -> tuple[_Iterate, float] | None:
         """Increase the damping until a step lowers the sum of squares; None if no step does.
 
-        Undamped steps can overshoot to positions without a model.
+        Undamped steps can overshoot to parameters at which the model cannot be evaluated.
         """
         factor, length = iterate.factor, iterate.factor.step_sigmas
-        while damping == 0.0 or damping <= _MAX_DAMPING * factor.singular_values[0]:
+        while damping <= _MAX_DAMPING * factor.singular_values[0]:
             trial = self.step(iterate, damping)
             # So short a step changes the sum of squares by less than its rounding, and the partials by less than
             # 1e-6: it is accepted without a test and another factorization.
             if length < self.step_tolerance(iterate):
                 return trial, damping
-            is_short = damping == 0.0 and length <= _SHORT_STEP_SIGMAS
-            rounding = is_short * _RELATIVE_ROUNDING * np.sqrt(iterate.sum_of_squares)
-            bound = iterate.sum_of_squares + rounding
+            bound = iterate.sum_of_squares
+            if damping == 0.0 and length <= _SHORT_STEP_SIGMAS:
+                bound += _ROUNDING_INCREASE * math.sqrt(bound)
             if np.isfinite(trial.sum_of_squares) and trial.sum_of_squares <= bound:
                 accepted = self.update_factor(trial, iterate.x)
                 if accepted is not None:
@@ -327,7 +335,7 @@ class _GaussNewton:
         """Factorize at a new iterate, or only renew the right side if the fit is about to converge."""
         problem = trial.linearization, self.whitening, self.parameters, trial.x
         if (np.abs(trial.x - previous_x) / self.parameters.scales).max() <= _MAX_FACTOR_REUSE_STEP:
-            factor = refreshed(trial.factor, *problem)
+            factor = with_new_right_side(trial.factor, *problem)
             if factor.step_sigmas < self.step_tolerance(trial):
                 return replace(trial, factor=factor)
         new_factor = factorize(*problem)
@@ -346,7 +354,7 @@ class _GaussNewton:
 
 
 def _sum_of_squares(residual_m: Floats, whitening: Whitener, parameters: ParameterSet, x: Floats) -> float:
-    """Sum of squares of the whitened residuals and of the a-priori values; infinite unless finite."""
+    """Sum of squares of whitened residuals and a-priori values; infinite if it overflows or is not a number."""
     free = parameters.free
     prior = (x - parameters.prior_values)[free] / parameters.prior_sigmas[free]
     total = float((prior * prior).sum())

@@ -141,10 +141,10 @@ class WhitenedPartials:
     parts: tuple[Floats, ...]  # (m, q)
     from_free: Floats  # (q, q)
 
-    def by(self, root: Floats) -> Iterator[Floats]:
+    def combined(self, root: Floats) -> Iterator[Floats]:
         """Yield partials of combinations of the free parameters, the columns of `root` (q, r), part by part, (m, r)."""
         from_coordinates = self.from_free @ root
-        return (times(part, from_coordinates) for part in self.parts)
+        return (matrix_product(part, from_coordinates) for part in self.parts)
 
 
 @dataclass(frozen=True, eq=False)
@@ -374,7 +374,7 @@ def gram(a: Floats, b: Floats) -> Floats:
     return np.asarray(slabs.sum(axis=0) + a[slab_rows:].T @ b[slab_rows:])
 
 
-def times(a: Floats, b: Floats) -> Floats:
+def matrix_product(a: Floats, b: Floats) -> Floats:
     """Product a b of a tall matrix and a small one, in slabs as of :func:`gram`."""
     if b.size > _MAX_SLAB_PRODUCT:
         return np.asarray(_thinned(a) @ b)
@@ -402,7 +402,7 @@ def _slab(a: Floats, b: Floats) -> int:
     return max(32, min(_LEAF_ELEMENTS // width, 20 * _LEAF_ELEMENTS // width**2))
 
 
-def refreshed(
+def with_new_right_side(
     factor: Factor, linearization: Linearization, whitening: Whitener, parameters: ParameterSet, x: Floats
 ) -> Factor:
     """Return a factor with the triangle of a neighbouring point and the right side of the gradient at x.

@@ -27,9 +27,9 @@ from radioloc.estimation.linearization import (
     evaluate_step,
     factorize,
     gram,
+    matrix_product,
     root_of_rows,
     smooth_partials,
-    times,
 )
 from radioloc.estimation.statistics import robust_scale
 from radioloc.measurements.predictor import ROWS_AT_ONCE
@@ -124,7 +124,7 @@ class _RobustSearch:
                 if factor is None:
                     break
                 root = factor.root_covariance()
-            basis = times(partials[:, free], root) / self.sigma_m[:, None]
+            basis = matrix_product(partials[:, free], root) / self.sigma_m[:, None]
             y = _huber_estimate(basis, normalized, *_prior_terms(self.parameters, x, root), tolerance)
             if np.abs(basis @ y).max(initial=0.0) < tolerance * max(1.0, robust_scale(normalized, q)):
                 break
@@ -161,7 +161,10 @@ class _RobustSearch:
             root[is_estimated] = estimated_root
         iterate, max_spread = start, _MAX_SPREAD_RATIO * robust_scale(start.normalized, q)
         for _ in range(_CONSENSUS_ROUND_COUNT):
-            basis = times(iterate.linearization.partials(self.rows)[:, free], root) / self.sigma_m[:, None]
+            basis = (
+                matrix_product(iterate.linearization.partials(self.rows)[:, free], root)
+                / self.sigma_m[:, None]
+            )
             y = _consensus(basis, iterate.normalized, *_prior_terms(self.parameters, iterate.x, root))
             iterate = self.step(iterate, root @ y)
             if robust_scale(iterate.normalized, q) < max_spread:
@@ -180,7 +183,7 @@ def linear_problem(
     if factor is None or not parameters.free.any() or not factor.determined.all():
         return None
     to_free = factor.root_covariance()
-    basis = times(partials[:, parameters.free], to_free)
+    basis = matrix_product(partials[:, parameters.free], to_free)
     from_free = factor.inverse_root()
     start_rows = sample(dense, noise.sigma_m, usable, parameters, _MAX_REPEATED_ROWS)
     return LinearProblem(partials, x, basis, from_free, to_free, start_rows)

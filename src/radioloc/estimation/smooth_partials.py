@@ -86,7 +86,7 @@ class SmoothPartials:
             cells, partials, np.concatenate(coefficients), np.where(is_precise[cells.cell], cells.cell, -1)
         )
 
-    def by(self, matrix: Floats) -> RowsOf:
+    def combined(self, matrix: Floats) -> RowsOf:
         """Return the function from rows (m,) to partials times a matrix (p, w), shape (m, w)."""
         products = self.coefficients @ matrix
 

@@ -47,8 +47,8 @@ from radioloc.estimation.linearization import (
     covariance_matrix,
     directions_of_rows,
     gram,
+    matrix_product,
     root_of_rows,
-    times,
 )
 from radioloc.estimation.series import (
     CorrelatedWhitener,
@@ -85,7 +85,7 @@ def assess_time_correlation(
     points, free = points_of(series, column(fit.residual_m)), fit.parameters.free
     partials = binned_partials(series, lambda rows: fit.linearization.partials(rows)[:, free])
     is_trial = isinstance(fit.linearization, OrthonormalLinearization)
-    points = replace(points, unit=times(partials, root), compiled=is_trial)
+    points = replace(points, unit=matrix_product(partials, root), compiled=is_trial)
     noise = noise_of_series(*_without_considered(fit, points, partials), significant=False)
     if not noise:
         return uncorrelated
@@ -124,7 +124,7 @@ def _without_considered(fit: FitResult, points: Points, partials: Floats) -> tup
     sigmas = np.repeat([_FREE_SIGMAS, 1.0], [width, units.shape[1] - width])
     if width == len(sigmas):
         return points, sigmas
-    unit, parameters = times(partials, units), fit.parameters
+    unit, parameters = matrix_product(partials, units), fit.parameters
     shifts = ((fit.x - parameters.prior_values) / parameters.prior_sigmas)[parameters.considered]
     residual = points.residual + np.einsum("nc,c->n", unit[:, width:], shifts)
     changes = np.add.reduceat(residual**2 - points.residual**2, points.begin[:-1])

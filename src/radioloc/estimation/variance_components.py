@@ -53,12 +53,18 @@ def fit_with_variance_components(
     ranges, of stated millimetres, determine the estimate, and errors of the model of centimetres exceed the sigmas
     tenfold (`tests/statistics/test_variance_components.py`).
     """
-    series = None if order is None else order.code
+    link_indices = None if order is None else order.code
     edited = fit_with_editing(
-        residual_function, parameters, sigma_m, status=status, threshold=threshold, start=start, series=series
+        residual_function,
+        parameters,
+        sigma_m,
+        status=status,
+        threshold=threshold,
+        start=start,
+        link_indices=link_indices,
     )
     problem = _Problem(
-        residual_function, parameters, edited.fit.noise, edited.initial_status, threshold, start, series
+        residual_function, parameters, edited.fit.noise, edited.initial_status, threshold, start, link_indices
     )
     if order is None:
         return problem.settled(edited, Labels(np.zeros(len(edited.initial_status), dtype=np.int32), ("all",)))
@@ -88,7 +94,7 @@ class _Problem:
     initial_status: Labels
     threshold: float | None
     start: Floats | None
-    series: Indices | None  # (n,), indices of links
+    link_indices: Indices | None  # (n,)
 
     def fit_with(self, added_m: Floats, previous: EditedFit | None) -> EditedFit:
         """Fit with components (n,), m, from a previous fit if that converged and its outliers were rejected."""
@@ -100,7 +106,7 @@ class _Problem:
             threshold=self.threshold,
             previous=previous if previous is not None and previous.can_continue else None,
             start=self.start,
-            series=self.series,
+            link_indices=self.link_indices,
         )
 
     def with_shared(self, edited: EditedFit, order: SeriesOrder, groups: Labels) -> EditedFit:

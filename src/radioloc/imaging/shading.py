@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.errors import InputError
 from radioloc.lunar import TerrainModel
-from radioloc.lunar.frames import sun_me_m
+from radioloc.lunar.frames import sun_position_me_m
 from radioloc.lunar.map_files import new_geotiff, open_dataset
 from radioloc.lunar.maps import Map, TangentPlane
 from radioloc.lunar.terrain_source import heights_m
@@ -93,7 +93,7 @@ def write_shaded_map(
 
 def sun_over_map(base: Map, epoch: Epochs) -> tuple[float, float]:
     """Return azimuth and elevation of the Sun, deg, at the middle of a map at an epoch, UTC (DE421)."""
-    east, north, up = base.plane().axes() @ sun_me_m(epoch)[0] - [0.0, 0.0, MEAN_LUNAR_RADIUS_M]
+    east, north, up = base.plane().axes() @ sun_position_me_m(epoch)[0] - [0.0, 0.0, MEAN_LUNAR_RADIUS_M]
     elevation_deg = math.degrees(math.atan2(up, math.hypot(east, north)))
     if elevation_deg <= 0.0:
         raise InputError(

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.constants import C_M_S
-from radioloc.ephemeris.trajectory import AnyTrajectory
+from radioloc.ephemeris.trajectory import SpacecraftTrajectory
 from radioloc.errors import InputError
 from radioloc.jobs.preparation import build_model, prepared_arc
 from radioloc.labels import Labels
@@ -146,7 +146,7 @@ def visibility(
     by_station = {name: masks.for_station(name) for name in names}
     targets = tuple(scene.motions) if several else ()
     notes = model.catalogue.antenna_notes(names)
-    if not all(isinstance(target, AnyTrajectory) for target in scene.positions.values()):
+    if not all(isinstance(target, SpacecraftTrajectory) for target in scene.positions.values()):
         notes.append(
             "the target's horizon is that of a sphere, without terrain: state its mask, [simulation] target_mask_deg"
         )
@@ -206,7 +206,7 @@ def build_scene(
 
 def _motion(record: TargetRecord, model: PhysicalModel, span_utc: Epochs) -> TargetMotion:
     """Return the motion of a target, integrated over a span of UTC from a state."""
-    if isinstance(record, LunarPosition | AnyTrajectory):
+    if isinstance(record, LunarPosition | SpacecraftTrajectory):
         return as_motion(record, model)
     if isinstance(record, TargetDescription):
         return record.target("", model).start

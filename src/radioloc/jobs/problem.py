@@ -2,17 +2,19 @@
 
     y = c(x) + B b + e,    cov(e) = R,    cov(b) = C
 
-The observations y have computed values c(x) of parameters x with a-priori values and sigmas. The last components of x
-are nuisance parameters: they are adjusted with the others and not reported. Unadjusted errors b, with their design
-matrix B, change the estimate by S b with the sensitivity S = P A^T W B: these are the consider parameters of Tapley,
-Schutz and Born (2004), section 6.2. A study considers errors in the first way unless it names them as suboptimal;
-errors of the gravity field are always unadjusted.
+The observations y have computed values c(x) of parameters x with a-priori values and sigmas. Systematic errors, such as
+those of station coordinates, enter in one of two ways. By default they are adjusted: they are the last components of x,
+with their a-priori sigmas, and are not reported (nuisance parameters). Errors that the study lists under
+``[consider] suboptimal``, and those of the gravity field, are not adjusted: the errors b with their design matrix B
+change the estimate by S b, with the sensitivity matrix S = P A^T W B. Tapley, Schutz and Born (2004), section 6.2, call
+these consider parameters.
 
-A fit, a covariance analysis, a trial of a Monte Carlo study and the fit of a part of an arc begin with this problem.
+This problem is the input of a fit, a covariance analysis, a Monte Carlo trial and the fit of a part of an arc.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -61,11 +63,11 @@ class EstimationProblem:
     study: Study
     predictor: Predictor  # with the observations
     choice: EstimateChoice | None  # None: all parameters are fixed at their a-priori values
-    model: ObservationModel  # targets and adjusted parameters, the considered ones last
+    model: ObservationModel  # targets and adjusted parameters, nuisance parameters last
     noise: ObservationCovariance  # R as stated
     order: SeriesOrder  # observations by series and time
-    unadjusted_blocks: tuple[ParameterBlock, ...]  # considered parameters that the study names as suboptimal
-    notes: tuple[str, ...]  # on considered parameters
+    unadjusted_blocks: tuple[ParameterBlock, ...]  # systematic errors that are not adjusted
+    notes: tuple[str, ...]  # on systematic errors
 
     @classmethod
     def from_study(
@@ -79,8 +81,10 @@ class EstimationProblem:
         considered, notes = dict[str, ParameterBlock](), list[str]()
         if choice is not None:
             choice = _with_clock_epoch(with_independent_clocks(study, choice, predictor), predictor)
-            kinds, notes = _considered_kinds(study, predictor, choice)
-            considered = _parameter_blocks("[consider]", kinds, predictor, Role.CONSIDERED, choice.pass_gap_h)
+            choices, notes = _considered_choices(study, predictor, choice)
+            considered = _parameter_blocks(
+                "[consider]", choices, predictor, Role.CONSIDERED, choice.pass_gap_h
+            )
         adjusted = [block for name, block in considered.items() if name not in study.suboptimal]
         unadjusted = tuple(block for name, block in considered.items() if name in study.suboptimal)
         model_choice = study.estimate.without_estimates() if choice is None else choice
@@ -108,7 +112,7 @@ class EstimationProblem:
 
     @property
     def reported_count(self) -> int:
-        """Number of parameters that are not considered, which come first."""
+        """Number of parameters that are reported; they come before the nuisance parameters."""
         return int((~self.model.parameters.considered).sum())
 
     @property
@@ -117,7 +121,7 @@ class EstimationProblem:
         return any(target.process_noise is not None for target in self.model.targets)
 
     def orbits_with_gravity_errors(self, x: Floats) -> GravityErrorOrbits:
-        """Return the orbits at parameters x with the considered errors of their gravity fields, by target."""
+        """Return the orbits at parameters x whose gravity fields have errors, by the index of the target."""
         orbits = {
             k: target.gravity_errors(x[self.model.columns_of(k)])
             for k, target in enumerate(self.model.targets)
@@ -134,7 +138,7 @@ class EstimationProblem:
     def fixed_parameter_errors(
         self, model: ObservationModel, x: Floats, orbits: GravityErrorOrbits
     ) -> UnestimatedErrors | None:
-        """Return the parameters, terms and forces that the fit holds at zero, with their partials at parameters x."""
+        """Return the errors of parameters, terms and forces that the fit holds fixed, with their partials at x."""
         parameters = [*model.parameters, *(item for _, items in self.unadjusted_blocks for item in items)]
         blocks = fixed_parameter_blocks(self.predictor.uncombined, parameters)
         errors = join_errors(parameter_errors(blocks, model, x), term_errors(model, x))
@@ -156,12 +160,13 @@ class ArcPart:
 def arc_parts(problem: EstimationProblem, lengths_h: Iterable[float]) -> list[ArcPart]:
     """Return the problems of the first hours of an arc; each needs observations."""
     since_s = since_start_s(problem.predictor.observations, problem.study.observations)
+    first_h = float(since_s.min(initial=math.inf)) / 3600.0
     parts = []
     for length_h in lengths_h:
         rows = np.flatnonzero(since_s <= 3600.0 * length_h + EPOCH_ROUNDING_S)
         if not len(rows):
             raise InputError(
-                f"the arc of {length_h:g} h has no observations: the first is {since_s.min() / 3600.0:.2f} h after "
+                f"the arc of {length_h:g} h has no observations: the first is {first_h:.2f} h after "
                 "the start; give a longer arc or a later start"
             )
         part_problem = problem if len(rows) == len(since_s) else problem.select(rows)
@@ -175,7 +180,7 @@ def observation_model(
     choice: EstimateChoice,
     considered: Sequence[ParameterBlock] = (),
 ) -> ObservationModel:
-    """Return the model of an arc with the parameters of targets, chosen parameters and considered ones."""
+    """Return the model of an arc with the parameters of targets, chosen parameters and nuisance parameters."""
     blocks = _parameter_blocks("[estimate]", choice.parameters, predictor, Role.ESTIMATED, choice.pass_gap_h)
     model = ObservationModel.from_targets(predictor, targets, [*blocks.values(), *considered])
     if choice.clock_epoch is not None:
@@ -184,8 +189,8 @@ def observation_model(
 
 
 def considered_parameters(study: Study, predictor: Predictor) -> dict[str, ParameterChoice]:
-    """Return the considered parameters of a study, by kind, with their a-priori sigmas."""
-    return _considered_kinds(study, predictor, with_independent_clocks(study, study.estimate, predictor))[0]
+    """Return the systematic errors of a study, by kind of parameter, with their a-priori sigmas."""
+    return _considered_choices(study, predictor, with_independent_clocks(study, study.estimate, predictor))[0]
 
 
 def require_position_or_orbit(study: Study, job: str) -> None:
@@ -204,24 +209,24 @@ def _with_clock_epoch(choice: EstimateChoice, predictor: Predictor) -> EstimateC
     return replace(choice, clock_epoch=tai_to_utc(middle_epoch(predictor.observations)))
 
 
-def _considered_kinds(
+def _considered_choices(
     study: Study, predictor: Predictor, choice: EstimateChoice
 ) -> tuple[dict[str, ParameterChoice], list[str]]:
-    """Return the considered parameters with their sigmas, by kind, and notes."""
+    """Return the systematic errors with their a-priori sigmas, by kind of parameter, and notes."""
     with error_context("[estimate]"):
         estimated = {
             name: with_canonical_names(PARAMETERS[name], item, predictor.uncombined)
             for name, item in choice.parameters.items()
         }
-    # `ephemeris_sigma_m` includes the errors of the Moon; with a trajectory, they are considered on request only.
-    stated_only = _MOON_KINDS if any(choice.ephemeris_sigma_m) or predictor.trajectories else ()
+    # `ephemeris_sigma_m` includes the errors of the Moon; with a trajectory, [consider] has to name them.
+    kinds_without_default = _MOON_KINDS if any(choice.ephemeris_sigma_m) or predictor.trajectories else ()
     with error_context("[consider]"):
         return resolve_considered(
             study.consider,
             predictor,
             estimated,
             defaults=study.consider_defaults,
-            without_defaults=stated_only,
+            without_defaults=kinds_without_default,
         )
 
 

@@ -1,6 +1,6 @@
-"""Rotations between the ICRF and the Moon's axes, and directions of Earth and Sun from the Moon.
+"""Rotations between the ICRF and the Moon's axes, positions of Earth and Sun seen from the Moon, and visibility.
 
-The axes are the principal (PA) or mean-Earth (ME) ones, or those of the IAU rotation model.
+The Moon's axes are the principal axes (PA), the mean-Earth axes (ME) or those of the IAU rotation model.
 
 A rotation of the axes about x by the angle a is Rx(a) = [[1, 0, 0], [0, cos a, sin a], [0, -sin a, cos a]],
 Ry and Rz by cyclic permutation; ``rot_a_to_b @ vector_in_a`` gives the vector in b.
@@ -26,8 +26,8 @@ from radioloc.vectors import Floats, Mask
 def earth_elevation_rad(
     ephemeris: Ephemeris, libration: LunarOrientation, tdb: Epochs, point_pa_m: Floats
 ) -> Floats:
-    """Elevation of the Earth's centre at a point on the Moon (principal axes, m), rad, (n,), to 1 degree."""
-    # Light time, aberration and the Earth's radius are neglected.
+    """Elevation of the Earth's centre above the horizon of a point (principal axes, m) on a sphere, rad, shape (n,)."""
+    # Light time, aberration and the Earth's radius are neglected: 1 degree.
     moon_m, _ = ephemeris.geocentric("moon", tdb)
     angles_rad, _ = libration.angles(tdb)
     to_earth_m = np.einsum("nij,nj->ni", rot_icrf_to_pa(angles_rad), -moon_m) - point_pa_m
@@ -35,9 +35,9 @@ def earth_elevation_rad(
     return np.arcsin(np.clip(sine, -1.0, 1.0))
 
 
-def sun_me_m(epochs: Epochs) -> Floats:
+def sun_position_me_m(epochs: Epochs) -> Floats:
     """Geometric position of the Sun from the Moon's centre, ME_DE421, m, shape (n, 3)."""
-    # Aberration moves it by 0.006 degrees, a fiftieth of its radius on the sky.
+    # Aberration is neglected: it moves the Sun by 0.006 degrees, a fiftieth of its apparent radius.
     tdb = to_scale(epochs, "TDB")
     ephemeris = Ephemeris.open("DE421")
     (sun_m, _), (moon_m, _) = (ephemeris.geocentric(body, tdb) for body in ("sun", "moon"))
@@ -47,15 +47,15 @@ def sun_me_m(epochs: Epochs) -> Floats:
 def hidden_by_moon(
     point_m: ArrayLike, station_m: ArrayLike, radius_m: ArrayLike = MEAN_LUNAR_RADIUS_M
 ) -> Mask:
-    """Determine whether a lunar sphere is between points and stations.
+    """Return whether a sphere about the Moon's centre blocks the lines from points to stations.
 
     Parameters
     ----------
     point_m, station_m : array_like, shape (..., 3)
         Positions from the Moon's centre in the same axes, m.
     radius_m : array_like, optional
-        Radius of the sphere, m. Points inside the sphere are hidden: give the distance of a point below the mean
-        radius, as on most of the near side.
+        Radius of the sphere, m. Points inside the sphere are hidden. For a point below the mean radius, as on most of
+        the near side, give its own distance from the centre.
     """
     point = as_float_array(point_m, "m", "point_m")
     ray = as_float_array(station_m, "m", "station_m") - point
@@ -87,14 +87,17 @@ def rot_icrf_to_pa(angles_rad: ArrayLike) -> Floats:
     >>> rot_icrf_to_pa(angles_rad)[0, 2].round(3).tolist()  # the Moon's axis in the ICRF
     [-0.027, -0.394, 0.919]
     """
-    phi, theta, psi = _angles(angles_rad, "rad", "angles_rad")
+    phi, theta, psi = _three_components(angles_rad, "rad", "angles_rad")
     return np.asarray(erfa.rz(psi, erfa.rx(theta, erfa.rz(phi, np.eye(3)))))
 
 
 def angular_velocity_pa(angles_rad: ArrayLike, rates_rad_s: ArrayLike) -> Floats:
-    """Angular velocity of the Moon, ICRF to principal axes, rad/s, shape (..., 3), from Euler angles and rates."""
-    _, theta, psi = _angles(angles_rad, "rad", "angles_rad")
-    phi_rate, theta_rate, psi_rate = _angles(rates_rad_s, "rad / s", "rates_rad_s")
+    """Angular velocity of the principal axes relative to the ICRF, in principal axes, rad/s, shape (..., 3).
+
+    It follows from the Euler angles and their rates, shape (..., 3) each.
+    """
+    _, theta, psi = _three_components(angles_rad, "rad", "angles_rad")
+    phi_rate, theta_rate, psi_rate = _three_components(rates_rad_s, "rad / s", "rates_rad_s")
     return np.stack(
         [
             phi_rate * np.sin(theta) * np.sin(psi) + theta_rate * np.cos(psi),
@@ -114,7 +117,7 @@ def rot_pa_to_me(constants: EphemerisConstants) -> Floats:
     """Rotation from the principal to the mean-Earth axes of an ephemeris, Rx Ry Rz of constant angles, shape (3, 3).
 
     With DE421's angles a point moves by up to 875 m (the literature often quotes 860 m, from older angles).
-    Frames kernels give the inverse, from ME to PA, as angles of opposite sign that are applied in reverse order.
+    Frame kernels give the inverse, from ME to PA, as angles of opposite sign that are applied in reverse order.
 
     Examples
     --------
@@ -186,7 +189,8 @@ def rot_icrf_to_iau_moon(tdb: EpochsLike) -> Floats:
     return rot_icrf_to_pa(np.radians(euler_deg))
 
 
-def _angles(values: ArrayLike, unit: str, name: str) -> Floats:
+def _three_components(values: ArrayLike, unit: str, name: str) -> Floats:
+    """Return values (..., 3), or quantities of the same dimension, as an array (3, ...) in a unit."""
     array = as_float_array(values, unit, name)
     if array.ndim == 0 or array.shape[-1] != 3:
         raise InputError(f"{name}: expected shape (..., 3), got {array.shape}")

@@ -13,7 +13,7 @@ import numpy as np
 
 from radioloc.constants import C_M_S, L_B, L_G, MEAN_LUNAR_RADIUS_M
 from radioloc.ephemeris import EarthState
-from radioloc.ephemeris.trajectory import AnyTrajectory
+from radioloc.ephemeris.trajectory import SpacecraftTrajectory
 from radioloc.errors import InputError
 from radioloc.lunar import rot_icrf_to_pa
 from radioloc.lunar.frames import rot_icrf_to_pa_rate
@@ -93,7 +93,11 @@ class LunarMotion:
         return MovingPoint(self.centre.offset_s, self.centre.position_m + bcrs_m, velocity_m_s)
 
     def with_craft(
-        self, trajectory: AnyTrajectory, model: PhysicalModel, reference: Epochs, rows: Rows = slice(None)
+        self,
+        trajectory: SpacecraftTrajectory,
+        model: PhysicalModel,
+        reference: Epochs,
+        rows: Rows = slice(None),
     ) -> LunarMotion:
         """Return the motion with a spacecraft on a trajectory as the target of some rows."""
         offset_s = self.centre.offset_s[rows]

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.earth.stations import Station
-from radioloc.ephemeris.trajectory import AnyTrajectory
+from radioloc.ephemeris.trajectory import SpacecraftTrajectory
 from radioloc.errors import InputError, StationError
 from radioloc.measurements.link import canonical_target
 from radioloc.measurements.observations import Observations
@@ -170,7 +170,7 @@ class Predictor(ABC):
         """Mask of observations with predicted Earth orientation, shape (n,)."""
 
     @property
-    def trajectories(self) -> tuple[AnyTrajectory, ...]:
+    def trajectories(self) -> tuple[SpacecraftTrajectory, ...]:
         """Trajectories of the spacecraft."""
         return tuple(motion.trajectory for motion in self.motions if motion.trajectory is not None)
 

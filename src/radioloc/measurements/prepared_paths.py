@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from radioloc.constants import C_M_S, SECONDS_PER_DAY
 from radioloc.earth.stations import Station
-from radioloc.ephemeris.trajectory import AnyTrajectory
+from radioloc.ephemeris.trajectory import SpacecraftTrajectory
 from radioloc.errors import InputError
 from radioloc.measurements.light_path import (
     BOUNCE,
@@ -186,7 +186,7 @@ class PreparedPaths(Predictor):
         catalogue = self.model.catalogue
         return catalogue.get(transmitter).name if transmitter in catalogue else transmitter
 
-    def _groups(self) -> list[tuple[AnyTrajectory | None, Rows]]:
+    def _groups(self) -> list[tuple[SpacecraftTrajectory | None, Rows]]:
         """Return the paths of all points fixed to the Moon, and of each spacecraft with its trajectory."""
         trajectories = [motion.trajectory for motion in self._restricted_motions]
         if not any(trajectory is not None for trajectory in trajectories):
@@ -194,7 +194,7 @@ class PreparedPaths(Predictor):
         if len(trajectories) == 1:
             return [(trajectories[0], slice(None))]
         flying = [k for k, trajectory in enumerate(trajectories) if trajectory is not None]
-        groups: list[tuple[AnyTrajectory | None, Rows]] = [
+        groups: list[tuple[SpacecraftTrajectory | None, Rows]] = [
             (trajectories[k], np.flatnonzero(self._motion_of == k)) for k in flying
         ]
         if len(flying) < len(trajectories):

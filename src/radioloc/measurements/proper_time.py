@@ -29,7 +29,7 @@ from radioloc.constants import C_M_S, L_G
 from radioloc.earth.geodesy import geodetic_from_itrf
 from radioloc.earth.stations import Station
 from radioloc.ephemeris.positions import clock_rate
-from radioloc.ephemeris.trajectory import AnyTrajectory
+from radioloc.ephemeris.trajectory import SpacecraftTrajectory
 from radioloc.measurements.light_path import MovingPoint
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
@@ -82,7 +82,7 @@ class TargetClock:
         return offset_s * self.is_one_way, rate * self.is_one_way, by_place * self.is_one_way[:, None]
 
 
-def clock_epoch(observations: Observations, trajectory: AnyTrajectory | None = None) -> Epochs | None:
+def clock_epoch(observations: Observations, trajectory: SpacecraftTrajectory | None = None) -> Epochs | None:
     """Return the TDB at which the target's clock reads TT: 0h UTC of the first day, or the start of its trajectory."""
     if not len(observations):
         return None
@@ -101,7 +101,7 @@ def target_clock(
     is_one_way: Mask,
     radius_m: Floats,
     epoch: Epochs | None,
-    trajectory: AnyTrajectory | None = None,
+    trajectory: SpacecraftTrajectory | None = None,
 ) -> TargetClock:
     """Return the target's clock at events (TDB) of one-way signals; it reads TT at `epoch` (TDB), if given."""
     # `radius_m` is the distance of points on the Moon from its centre, unused for a trajectory. Without an epoch the
@@ -120,7 +120,12 @@ def target_clock(
 
 
 def _gain(
-    model: PhysicalModel, zero: Epochs, since_s: Floats, trajectory: AnyTrajectory | None, *, continuous: bool
+    model: PhysicalModel,
+    zero: Epochs,
+    since_s: Floats,
+    trajectory: SpacecraftTrajectory | None,
+    *,
+    continuous: bool,
 ) -> tuple[Floats, Floats]:
     """Return the gain of the origin's clock since `zero`, or since the last gap unless `continuous`, and its rate."""
     from scipy.interpolate import CubicSpline
@@ -149,7 +154,9 @@ def _gain(
     return gain_s, rate
 
 
-def _state(model: PhysicalModel, tdb: Epochs, trajectory: AnyTrajectory | None) -> tuple[Floats, Floats]:
+def _state(
+    model: PhysicalModel, tdb: Epochs, trajectory: SpacecraftTrajectory | None
+) -> tuple[Floats, Floats]:
     """Return geocentric position and velocity of the spacecraft, or of the Moon's centre."""
     if trajectory is None:
         return model.ephemeris.geocentric("moon", tdb)

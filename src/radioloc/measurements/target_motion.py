@@ -14,7 +14,7 @@ from typing import ClassVar, Protocol, TypeAlias, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.ephemeris.trajectory import AdjustableTrajectory, AnyTrajectory
+from radioloc.ephemeris.trajectory import AdjustableTrajectory, SpacecraftTrajectory
 from radioloc.errors import InputError
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.physical_model import PhysicalModel
@@ -29,7 +29,7 @@ class TargetMotion(Protocol):
     """Motion of a target."""
 
     @property
-    def trajectory(self) -> AnyTrajectory | None:
+    def trajectory(self) -> SpacecraftTrajectory | None:
         """Trajectory of a spacecraft; None for a point fixed to the Moon."""
 
     @property
@@ -82,7 +82,7 @@ class FixedPoint(TargetMotion):
 class TrajectoryMotion(TargetMotion):
     """Spacecraft on a known trajectory, or at a constant offset from it in principal axes, m."""
 
-    trajectory: AnyTrajectory
+    trajectory: SpacecraftTrajectory
     position_pa_m: Floats = field(default_factory=lambda: np.zeros(3))
 
     @property
@@ -132,7 +132,7 @@ class OrbitMotion:
         return replace(self, apriori=self.apriori.restricted_to(first, last), _corrected=[])
 
 
-MotionLike: TypeAlias = TargetMotion | LunarPosition | AnyTrajectory
+MotionLike: TypeAlias = TargetMotion | LunarPosition | SpacecraftTrajectory
 """Motion, position on the Moon, or trajectory."""
 
 MotionsLike: TypeAlias = MotionLike | Sequence[MotionLike]
@@ -161,7 +161,7 @@ def as_motion(motion: MotionLike, model: PhysicalModel) -> TargetMotion:
         return FixedPoint(motion.to_axes("PA", model.ephemeris.constants).xyz_m)
     if isinstance(motion, AdjustableTrajectory):
         return OrbitMotion(motion)
-    if isinstance(motion, AnyTrajectory):
+    if isinstance(motion, SpacecraftTrajectory):
         return TrajectoryMotion(motion)
     raise InputError(
         f"motions: expected a LunarPosition, a FixedPoint (position in principal axes, m) or a trajectory, or one for "

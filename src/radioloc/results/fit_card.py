@@ -1,4 +1,4 @@
-"""Summary of a solution for the screen, the part on the observations and their residuals."""
+"""Part of the printed summary of a solution that describes the observations and their residuals."""
 
 from __future__ import annotations
 
@@ -44,8 +44,8 @@ _MAX_PAGE_ROWS = 300  # rejected observations in the table of a page
 _MAX_UNFOLDED_ROWS = 20  # the page folds a longer table
 _RANGE_SIGNIFICANCE_LEVEL = 1e-3  # for all pairs of links of a card together
 _ELLIPSOID_PROBABILITY = 0.683
-_MIN_STATED_FACTOR = 1.05  # the card states a time correlation that enlarges the sigma by more
-_MIN_ADVISED_FACTOR = 3.0  # above it, correlated weights give a much better estimate
+_MIN_REPORTED_SIGMA_FACTOR = 1.05  # the card states a time correlation that enlarges the sigma by more
+_MIN_ADVISED_SIGMA_FACTOR = 3.0  # above it, correlated weights give a much better estimate
 
 
 def fit_fields(solution: Solution) -> Iterator[Field]:
@@ -75,7 +75,10 @@ def rejected_detail(solution: Solution) -> Detail:
 
 
 def finding_lines(solution: Solution, *, serious: bool) -> Iterator[str]:
-    """Yield the serious findings, which are printed with the status, or the others, and the adapted position."""
+    """Yield either the serious findings or the others, and after the last the position with the errors estimated.
+
+    The serious findings stand below the status, and the others in the section on residuals.
+    """
     texts = [str(item) for item in select_findings(solution, serious=serious)]
     prefix = "WARNING: " if solution.converged else "likely cause: "
     yield from (f"{prefix if serious else ''}{text}" for text in texts)
@@ -83,8 +86,9 @@ def finding_lines(solution: Solution, *, serious: bool) -> Iterator[str]:
     if adapted is None or not texts or not (serious or len(texts) == count):
         return
     longitude_deg, latitude_deg, height_m = adapted.selenographic
+    errors = "these errors" if count > 1 else "this error"
     yield (
-        f"with {'them' if count > 1 else 'it'} estimated: {longitude_deg:.8f} deg E, {latitude_deg:+.8f} deg N, "
+        f"position with {errors} estimated: {longitude_deg:.8f} deg E, {latitude_deg:+.8f} deg N, "
         f"height {height_m:.3f} m; 1 sigma east, north, up {', '.join(map(metres, adapted.sigma_enu_m()))} m. "
         "The total sigma includes the difference of the two positions"
     )
@@ -93,7 +97,7 @@ def finding_lines(solution: Solution, *, serious: bool) -> Iterator[str]:
 def select_findings(solution: Solution, *, serious: bool) -> Iterator[ConsistencyTest]:
     """Yield the serious findings, or all others.
 
-    Serious are those that move the position out of its 68 % ellipsoid, and the likely causes of an unusable solution.
+    A finding is serious if it moves the position out of its 68 % ellipsoid, or if the solution is not usable.
     """
     for finding in solution.consistency.findings:
         if serious == (not solution.converged or _is_outside_ellipsoid(solution, finding.shift_enu_m)):
@@ -103,7 +107,7 @@ def select_findings(solution: Solution, *, serious: bool) -> Iterator[Consistenc
 def _is_outside_ellipsoid(solution: Solution, shift_enu_m: tuple[float, float, float] | None) -> bool:
     """Return whether d^T P^-1 d of a shift d exceeds the 68 % quantile of chi-square.
 
-    The total covariance of a determined position includes the square of the shift by all findings, which P does not. A
+    P is the total covariance of the position without the square of the shift by all findings, which it includes. A
     moving target has no shift.
     """
     if shift_enu_m is None or not solution.position_determined:
@@ -175,9 +179,9 @@ def _correlation_field(solution: Solution) -> Field:
         cells = (f"{max(count, 1.0):.0f}" for count in counts)
         rows.append((item.name, duration(item.correlation_time_s), str(item.count), *cells))
     notes, factor = [], solution.correlation_factor  # 1 if the position is not determined
-    if factor >= _MIN_STATED_FACTOR:
+    if factor >= _MIN_REPORTED_SIGMA_FACTOR:
         notes.append(f"the time correlation enlarges the position sigma by a factor of {factor:.2g}")
-    if factor > _MIN_ADVISED_FACTOR and not weighted_counts:
+    if factor > _MIN_ADVISED_SIGMA_FACTOR and not weighted_counts:
         notes.append('[estimate] weights = "correlated" includes it in the weights too')
     return table("correlated", heading, rows, _MAX_SERIES_ROWS, notes)
 
@@ -216,12 +220,12 @@ class _RangeMean:
     variance_m2: float
 
     def sigmas_below(self, higher: _RangeMean) -> float:
-        """Difference to a higher mean in its standard deviations."""
+        """Difference from a higher mean, in standard deviations of the difference."""
         return (higher.mean_m - self.mean_m) / math.sqrt(self.variance_m2 + higher.variance_m2)
 
 
 def _disagreement_lines(solution: Solution) -> Iterator[str]:
-    """Yield the ranges of two links of each station whose means differ most significantly.
+    """Yield for each station the two links whose mean range residuals differ most, if the difference is significant.
 
     The mean of the station can hide the difference. Its p-value is that of a normal distribution times the number of
     pairs (Bonferroni correction).
@@ -238,7 +242,7 @@ def _disagreement_lines(solution: Solution) -> Iterator[str]:
             yield (
                 f"ranges of {station}, {low.way} {signed_metres(low.mean_m)} m and {high.way} "
                 f"{signed_metres(high.mean_m)} m, disagree by {sigmas:.1f} sigmas: "
-                '[estimate] clock = "all" or range_bias_per = "link" absorbs it'
+                'estimate a bias of each link ([estimate] range_bias_per = "link") or the clocks (clock = "all")'
             )
 
 
@@ -272,13 +276,13 @@ def _rejected_lines(residuals: Residuals) -> Iterator[str]:
     for index in np.argsort(first_index)[:_MAX_REJECTED_LINES].tolist():
         rows = rejected[group == index]
         earliest = rows[np.lexsort((epochs.fraction[rows], epochs.jd[rows]))[:1]]
-        times, reason = utc_strings(epochs[earliest], decimals=0)[0], residuals.statuses[rows[0]]
+        epoch, reason = utc_strings(epochs[earliest], decimals=0)[0], residuals.statuses[rows[0]]
         if len(rows) > 1:
-            times += f" and {len(rows) - 1} later"
+            epoch += f" and {len(rows) - 1} more"
         if len(set(residuals.statuses.codes[rows].tolist())) > 1:
             _, _, figures = reason.partition(": ")
             reason = f"{reasons[rows[0]]}, the largest: {figures}" if figures else reasons[rows[0]]
-        yield f"{times} {links[rows[0]]}: {reason}"
+        yield f"{epoch} {links[rows[0]]}: {reason}"
         listed_count += len(rows)
     yield from remaining_line(len(rejected), listed_count)
 

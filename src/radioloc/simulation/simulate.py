@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 
 from radioloc.dynamics import AdjustableOrbit
-from radioloc.ephemeris.trajectory import AnyTrajectory
+from radioloc.ephemeris.trajectory import SpacecraftTrajectory
 from radioloc.errors import InputError
 from radioloc.lunar import rot_pa_to_me
 from radioloc.lunar.local import rot_pa_to_enu
@@ -62,7 +62,7 @@ class Simulated:
         return self.targets[0].position_pa_m
 
     @property
-    def trajectory(self) -> AnyTrajectory | None:
+    def trajectory(self) -> SpacecraftTrajectory | None:
         """True trajectory of the first target, if it is a spacecraft."""
         return self.targets[0].trajectory
 
@@ -171,7 +171,7 @@ class StateAndForces(Protocol):
         ...
 
 
-TargetRecord = LunarPosition | AnyTrajectory | StateAndForces | TargetDescription
+TargetRecord = LunarPosition | SpacecraftTrajectory | StateAndForces | TargetDescription
 """Description of a target's true position or motion."""
 ConsideredOf = Callable[[Predictor], Mapping[str, ParameterChoice]]
 """Function that returns the errors that a fit of observations considers, by kind, with their sigmas."""
@@ -251,7 +251,7 @@ class Scenario:
             position_pa_m = record.to_axes("PA", model.ephemeris.constants).xyz_m
             enu_pa = rot_pa_to_enu(position_pa_m, rot_pa_to_me(model.ephemeris.constants))
             return TrueTarget(name, position_pa_m, enu_pa, position_name=position_name)
-        if isinstance(record, AnyTrajectory):
+        if isinstance(record, SpacecraftTrajectory):
             return TrueTarget(name, np.zeros(3), np.eye(3), record)
         if isinstance(record, TargetDescription):
             return TrueTarget.described(name, record, model, len(self.targets) > 1)

@@ -15,7 +15,7 @@ from typing import Any, Self
 import numpy as np
 
 from radioloc.dynamics import AdjustableOrbit
-from radioloc.ephemeris.trajectory import AnyTrajectory
+from radioloc.ephemeris.trajectory import SpacecraftTrajectory
 from radioloc.errors import InputError
 from radioloc.lunar import rot_pa_to_me
 from radioloc.lunar.local import EAST_NORTH_UP, rot_pa_to_enu
@@ -184,7 +184,7 @@ class TrueTarget:
     # True position, principal axes, shape (3,); of a spacecraft the offset from its trajectory, zeros.
     position_pa_m: Floats
     enu_pa: Floats  # east, north and up at the position, in principal axes, as rows, shape (3, 3)
-    trajectory: AnyTrajectory | None = None  # of a spacecraft
+    trajectory: SpacecraftTrajectory | None = None  # of a spacecraft
     with_gravity_errors: AdjustableOrbit | None = None  # orbit with the drawn errors of gravity
     position_name: str = "position"  # before the axes in the names of errors of the position
     values: Floats | None = None  # true parameters of a target of a registered kind

@@ -14,7 +14,7 @@ import numpy as np
 
 from radioloc.constants import C_M_S, MEAN_LUNAR_RADIUS_M, SECONDS_PER_DAY
 from radioloc.earth.geodesy import rot_itrf_to_enu
-from radioloc.ephemeris.trajectory import AnyTrajectory
+from radioloc.ephemeris.trajectory import SpacecraftTrajectory
 from radioloc.errors import InputError
 from radioloc.lunar import rot_icrf_to_pa
 from radioloc.measurements.physical_model import PhysicalModel
@@ -39,7 +39,7 @@ class AtInfinity:
     direction: Floats  # ICRS, unit vector, shape (3,); 20 arcseconds of aberration are neglected
 
 
-Target = Floats | AnyTrajectory
+Target = Floats | SpacecraftTrajectory
 """Principal-axes position of a point on the Moon, shape (3,), m; or the trajectory of a spacecraft."""
 
 _COARSE_STEP_S = 60.0  # First step of dense series
@@ -100,7 +100,7 @@ def elevations(
     ----------
     model : PhysicalModel
         Positions of Earth, Moon and stations; its terms (tides, media) have no effect.
-    target_pa_m : ndarray, shape (3,), AnyTrajectory or AtInfinity
+    target_pa_m : ndarray, shape (3,), SpacecraftTrajectory or AtInfinity
         Point in principal axes, m; or a spacecraft, whose horizon is the Moon's limb, the sphere of 1737.4 km; or a
         quasar, which has no horizon.
     stations : sequence of str
@@ -183,7 +183,7 @@ class StationFrames:
 
     def _target(self, target_pa_m: Target) -> tuple[Floats, Floats, Floats | float]:
         """Return the target one light time earlier from geocentre and Moon, GCRS, m, and its horizon's dip, rad."""
-        if not isinstance(target_pa_m, AnyTrajectory):
+        if not isinstance(target_pa_m, SpacecraftTrajectory):
             from_moon_m = np.einsum("nji,j->ni", self.rot_icrf_to_pa, target_pa_m)
             return self.moon_m + from_moon_m, from_moon_m, 0.0
         ephemeris, tdb = self.model.ephemeris, self.tdb
@@ -202,7 +202,7 @@ def tracked_target(motion: TargetMotion) -> Target:
 
 def _flies(target: Target | AtInfinity) -> bool:
     """Return True for a spacecraft on a trajectory."""
-    return isinstance(target, AnyTrajectory)
+    return isinstance(target, SpacecraftTrajectory)
 
 
 def _elevation_rad(away_m: Floats, up: Floats) -> Floats:

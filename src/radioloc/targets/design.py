@@ -143,7 +143,7 @@ class ObservationModel:
             design = replace(design, smooth=self._smooth(design))
         if x[first:].any():
             of_kinds = np.append(np.zeros(first), x[first:])[:, None]
-            effects = None if design.smooth is None else design.smooth.by(of_kinds)
+            effects = None if design.smooth is None else design.smooth.combined(of_kinds)
             for part in slices(n):
                 rows = np.arange(n)[part]
                 if effects is None:

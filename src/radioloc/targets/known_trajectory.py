@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from radioloc.ephemeris.trajectory import AnyTrajectory
+from radioloc.ephemeris.trajectory import SpacecraftTrajectory
 from radioloc.lunar.local import EAST_NORTH_UP
 from radioloc.measurements.target_motion import TrajectoryMotion
 from radioloc.parameters.parameter import Parameter, Role
@@ -23,7 +23,7 @@ class KnownTrajectory(WithoutForces):
     """A spacecraft on a trajectory, whose offset from it is held at zero."""
 
     name: str  #: empty of the only one
-    trajectory: AnyTrajectory
+    trajectory: SpacecraftTrajectory
     preceding: ClassVar[int] = 0
     has_place: ClassVar[bool] = False
     local_axes: ClassVar[tuple[str, str, str]] = EAST_NORTH_UP  # no component is estimated

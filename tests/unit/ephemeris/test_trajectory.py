@@ -119,7 +119,7 @@ def test_a_trajectory_relative_to_another_of_the_file_is_their_sum(tmp_path):
 @pytest.mark.parametrize(
     ("chain", "words"),
     [
-        ([(-900, -901, 1.0)], "relative to -901, which it does not hold"),
+        ([(-900, -901, 1.0)], "relative to body -901, which is not in that file"),
         ([(-900, -901, 1.0), (-901, -900, 1.0)], "in a cycle"),
     ],
 )

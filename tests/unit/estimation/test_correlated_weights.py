@@ -8,7 +8,12 @@ import pytest
 from radioloc.estimation import Labels, Parameter, ParameterSet, observability
 from radioloc.estimation.editing import fit_with_editing
 from radioloc.estimation.gauss_markov import SeriesNoise
-from radioloc.estimation.linearization import DenseLinearization, covariance_matrix, factorize, refreshed
+from radioloc.estimation.linearization import (
+    DenseLinearization,
+    covariance_matrix,
+    factorize,
+    with_new_right_side,
+)
 from radioloc.estimation.series import CorrelatedWhitener, SeriesOrder, independent_series
 from radioloc.estimation.smooth_partials import Cells, SmoothPartials
 from radioloc.estimation.time_correlation import assess_time_correlation, fit_with_correlated_weights
@@ -140,12 +145,12 @@ def test_polynomials_give_the_factor_of_all_rows(shared, correlated):
     )
     smooth = factorize(tracking, whitening, parameters, np.zeros(5))
     assert 0 < np.count_nonzero(tracking.smooth.cell < 0) < 1000
-    for result in (smooth, refreshed(smooth, tracking, whitening, parameters, np.zeros(5))):
+    for result in (smooth, with_new_right_side(smooth, tracking, whitening, parameters, np.zeros(5))):
         expected = covariance_matrix(dense, parameters)
         np.testing.assert_allclose(covariance_matrix(result, parameters), expected, rtol=1e-9, atol=1e-12)
         np.testing.assert_allclose(result.step(0.0), dense.step(0.0), rtol=1e-8, atol=1e-10)
     rows = np.arange(0, n, 7)
-    np.testing.assert_allclose(tracking.smooth.by(np.eye(5))(rows), tracking.design[rows], atol=1e-9)
+    np.testing.assert_allclose(tracking.smooth.combined(np.eye(5))(rows), tracking.design[rows], atol=1e-9)
     squares = np.square(tracking.design[rows]).sum(axis=1)
     np.testing.assert_allclose(tracking.smooth.squares(rows, np.eye(5)), squares, rtol=1e-8)
 

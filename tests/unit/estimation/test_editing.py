@@ -189,7 +189,7 @@ def test_more_outliers_than_a_third_are_rejected_if_they_are_a_whole_series(with
     observed_m[of_b] += 3e5
     series = np.searchsorted(model.biased, model.station) if with_series else None
     parameters = model.parameters(bias_sigma_m=10.0)
-    edited = fit_with_editing(model.residual_function(observed_m), parameters, 1.0, series=series)
+    edited = fit_with_editing(model.residual_function(observed_m), parameters, 1.0, link_indices=series)
     assert edited.converged == with_series
     if with_series:
         np.testing.assert_array_equal(edited.fit.used, ~of_b)
@@ -203,7 +203,7 @@ def test_series_of_half_the_observations_is_not_rejected():
     observed_m[model.station == "B"] += 3e5
     series = np.searchsorted(model.biased, model.station)
     edited = fit_with_editing(
-        model.residual_function(observed_m), model.parameters(bias_sigma_m=10.0), 1.0, series=series
+        model.residual_function(observed_m), model.parameters(bias_sigma_m=10.0), 1.0, link_indices=series
     )
     assert edited.fit.used.all()
 

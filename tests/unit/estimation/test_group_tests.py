@@ -59,7 +59,7 @@ def test_without_a_group():
         shift = fit.factor.root_covariance() @ verdict.shift
         np.testing.assert_allclose(shift, reference.x - fit.x, atol=STOPPED)
         # Of efficient estimates the covariance of the difference is the difference of the covariances
-        root = fit.factor.root_covariance() @ verdict.root_shift
+        root = fit.factor.root_covariance() @ verdict.shift_root_covariance
         np.testing.assert_allclose(root @ root.T, reference.covariance - fit.covariance, atol=1e-9)
         assert verdict.dof == 4
 

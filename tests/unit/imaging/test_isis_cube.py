@@ -12,7 +12,7 @@ from paths import ISDS
 from radioloc.errors import FileFormatError
 from radioloc.imaging import Sphere, read_isd
 from radioloc.imaging.ground_points import image_to_ground
-from radioloc.lunar.frames import sun_me_m
+from radioloc.lunar.frames import sun_position_me_m
 from radioloc.time import Epochs
 
 REAL = FOLDER / "M143947267L.cal.echo.crop.cub"
@@ -258,5 +258,5 @@ def test_axes_and_sun_of_a_real_cube_agree_with_the_kernels(real):
         image_to_ground(real.model, pixels, Sphere()),
         atol=1e-3,
     )
-    sun_m = sun_me_m(Epochs.from_tdb_seconds([real.epoch_tdb_s]))[0]
+    sun_m = sun_position_me_m(Epochs.from_tdb_seconds([real.epoch_tdb_s]))[0]
     assert np.linalg.norm(sun_m - real.sun_m) < ABERRATION_RAD * np.linalg.norm(sun_m)

@@ -1,4 +1,4 @@
-"""Outlier rejection by studentized residuals, with re-admission, in the manner of data snooping (Baarda 1968).
+"""Data editing: rejection of outliers by studentized residuals, with re-admission (Baarda 1968).
 
 An observation with residual r_i, stated standard deviation s_i and leverage h_i is rejected if
 
@@ -48,23 +48,26 @@ from radioloc.parameters.parameter import ParameterSet
 from radioloc.quantities import accepts_quantities
 from radioloc.vectors import Floats, Indices, Mask
 
-THRESHOLD = 5.0  # sigmas; of normal residuals one in 1.7 million is larger
+THRESHOLD = 5.0  # sigmas; one normal residual in 1.7 million is larger
 _MIN_THRESHOLD = 2.0  # sigmas; a smaller one rejects more than 4.5 % of the good observations
 _MAX_FIT_COUNT = 20
 _MAX_REJECTED_FRACTION = 0.3  # of usable observations; more outliers mean a wrong model, station or sigma
-_MIN_STUDENTIZED_RATIO = 0.2  # sigma of a residual over that of its observation: leverages up to 0.96
-_MIN_RUN_LENGTH = 3  # of one sign; with 3 % of outliers, one of 150,000 observations begins such a run
+_MIN_USED_FRACTION = 0.3  # of a link; with fewer observations within the limits the link is wrong as a whole
+_MIN_STUDENTIZED_RATIO = 0.2  # least sqrt(1 - h) in a limit, reached at a leverage of 0.96
+_MIN_RUN_LENGTH = (
+    3  # outliers of one sign; if 3 % are outliers, one of 150,000 observations begins such a run
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EditedFit:
-    """Least-squares fit with the rejection of outliers."""
+    """Result of a least-squares fit with rejection of outliers."""
 
     fit: FitResult  # the last fit
     initial_status: Labels  # USED, or the reason why an observation is not usable
     robust_scale: float  # k, of the usable residuals
     fit_count: int = 1  # number of fits of the editing
-    is_settled: bool = True  # whether another fit would use the same observations, with the same noise
+    is_settled: bool = True  # False if the editing ended early, or another fit would use other observations
     message: str = ""  # problems of the editing
     # Variance components of groups, as sigmas; errors of stations that delays share.
     additive_sigma_m: Mapping[str, float] = field(default_factory=dict)
@@ -255,7 +258,7 @@ class _Editor:
         if outliers.sum() <= self.max_rejected or self.link_indices is None:
             return bool(outliers.sum() > self.max_rejected)
         outlier_count, count = (np.bincount(self.link_indices, mask) for mask in (outliers, self.usable))
-        is_plausible = count - outlier_count > _MAX_REJECTED_FRACTION * count
+        is_plausible = count - outlier_count > _MIN_USED_FRACTION * count
         plausible_count = int(count[is_plausible].sum())
         is_majority = 2 * plausible_count > count.sum()
         return not (is_majority and outlier_count[is_plausible].sum() <= self.max_outliers(plausible_count))

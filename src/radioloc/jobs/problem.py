@@ -4,10 +4,10 @@
 
 The observations y have computed values c(x) of parameters x with a-priori values and sigmas. Systematic errors, such as
 those of station coordinates, enter in one of two ways. By default they are adjusted: they are the last components of x,
-with their a-priori sigmas, and are not reported (nuisance parameters). Errors that the study lists under
-``[consider] suboptimal``, and those of the gravity field, are not adjusted: the errors b with their design matrix B
-change the estimate by S b, with the sensitivity matrix S = P A^T W B. Tapley, Schutz and Born (2004), section 6.2, call
-these consider parameters.
+with their a-priori sigmas, and are not reported (nuisance parameters). Errors that the study lists under ``[consider]
+suboptimal``, and those of the gravity field, are not adjusted: the errors b with their design matrix B change the
+estimate by S b, with the sensitivity matrix S = P A^T R^-1 B, the design matrix A of the parameters and the covariance
+P of the estimate. Tapley, Schutz and Born (2004), section 6.2, call these consider parameters.
 
 This problem is the input of a fit, a covariance analysis, a Monte Carlo trial and the fit of a part of an arc.
 """

@@ -70,8 +70,9 @@ def rejected_detail(solution: Solution) -> Detail:
     sizes = (f"{value:.4g}" for value in residuals.residual_m[rows])
     cells = zip(epochs, links, sizes, residuals.statuses[rows], strict=True)
     title = f"{len(rows)} of {count}" if count > len(rows) else "All"
-    field = Field("", (), ("UTC", "link", "residual, m", "reason"), tuple(cells))
-    return Detail(REJECTED, f"{title}, the largest residuals first", (field,), count <= _MAX_UNFOLDED_ROWS)
+    field = Field("", heading=("UTC", "link", "residual, m", "reason"), rows=cells)
+    heading = f"{title}, the largest residuals first"
+    return Detail(REJECTED, heading, (field,), is_open=count <= _MAX_UNFOLDED_ROWS)
 
 
 def finding_lines(solution: Solution, *, serious: bool) -> Iterator[str]:
@@ -86,11 +87,11 @@ def finding_lines(solution: Solution, *, serious: bool) -> Iterator[str]:
     if adapted is None or not texts or not (serious or len(texts) == count):
         return
     longitude_deg, latitude_deg, height_m = adapted.selenographic
-    errors = "these errors" if count > 1 else "this error"
+    errors = f"all {count} errors" if count > 1 else "this error"
     yield (
         f"position with {errors} estimated: {longitude_deg:.8f} deg E, {latitude_deg:+.8f} deg N, "
         f"height {height_m:.3f} m; 1 sigma east, north, up {', '.join(map(metres, adapted.sigma_enu_m()))} m. "
-        "The total sigma includes the difference of the two positions"
+        "The total sigma includes the difference of this position from the estimate"
     )
 
 
@@ -107,8 +108,8 @@ def select_findings(solution: Solution, *, serious: bool) -> Iterator[Consistenc
 def _is_outside_ellipsoid(solution: Solution, shift_enu_m: tuple[float, float, float] | None) -> bool:
     """Return whether d^T P^-1 d of a shift d exceeds the 68 % quantile of chi-square.
 
-    P is the total covariance of the position without the square of the shift by all findings, which it includes. A
-    moving target has no shift.
+    P is the total covariance of the position, less the part that stems from the shift by all findings. A moving target
+    has no shift.
     """
     if shift_enu_m is None or not solution.position_determined:
         return False

@@ -218,9 +218,14 @@ def transponder_delay(world: World, case: Case, _: np.random.Generator) -> Case:
     return with_values(case, 100e-9 * C_M_S * ranges_of(case.observations))
 
 
-def exchanged_stations(world: World, case: Case, _: np.random.Generator) -> Case:
-    """Exchange the names of two stations in all observations."""
-    return with_links(case, lambda link: _renamed(link, world.station, world.partner))
+def exchanged_stations(first: str = "", second: str = "") -> Change:
+    """Exchange the names of two stations in all observations, by default of those of the world."""
+
+    def change(world: World, case: Case, _: np.random.Generator) -> Case:
+        names = first or world.station, second or world.partner
+        return with_links(case, lambda link: _renamed(link, *names))
+
+    return change
 
 
 def _renamed(link: Link, first: str, second: str) -> Link:
@@ -561,6 +566,7 @@ FAULTS: tuple[Fault, ...] = (
     Fault("pass 300 km long", _RANGING, range_offset(3e5, first_pass), RADIO),
     Fault("clock 5 ns", _CLOCK, clock_offset(5e-9), ("vlbi",)),
     Fault("clock 500 ns", _CLOCK, clock_offset(5e-7), ("three-way", "vlbi")),
+    Fault("clock 1 ms", _CLOCK, clock_offset(1e-3), ("vlbi",)),
     Fault("clock rate 1e-12", _CLOCK, clock_offset(0.0, rate=1e-12), ("three-way", "vlbi")),
     Fault("clock jump 5 ns", _CLOCK, clock_offset(0.0, jump_s=5e-9), ("vlbi",)),
     Fault("clock jump 200 ns", _CLOCK, clock_offset(0.0, jump_s=2e-7), ("three-way",)),
@@ -581,7 +587,13 @@ FAULTS: tuple[Fault, ...] = (
     Fault(
         "all stations 30 m up", "positions? of|station position", all_stations_higher(30.0), (*RADIO, "grail")
     ),
-    Fault("stations exchanged", "{station}|{partner}|exchang", exchanged_stations, (*RADIO, "llr")),
+    Fault("stations exchanged", "{station}|{partner}|exchang", exchanged_stations(), (*RADIO, "llr")),
+    Fault(
+        "VLBI stations exchanged",
+        "SESHAN25|KUNMING|exchang",
+        exchanged_stations("SESHAN25", "KUNMING"),
+        ("vlbi",),
+    ),
     Fault("wrong station in a pass", "{station}|{partner}", wrong_station_in_pass, ("dsn", "grail")),
     Fault("link reversed", "{station}|revers", reversed_link, ("three-way", "vlbi")),
     Fault("sign reversed", r"\bsign\b|revers", reversed_sign, ("dsn", "vlbi", "grail")),

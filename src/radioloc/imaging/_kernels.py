@@ -86,7 +86,7 @@ def resampled(
     repeated at its edges, or means of square blocks of them, extrapolated by one. With finite limits, values are whole.
     """
     size, blocks = np.array(usable.shape), np.array(image.shape)
-    beyond = 0.0 if reduction == 1 else 1.0
+    margin = 0.0 if reduction == 1 else 1.0
     place, first, part = np.empty(2), np.empty(2, np.int64), np.empty(2)
     for row in range(shown.shape[0]):
         i, u = row // step, (row % step) / step
@@ -95,19 +95,19 @@ def resampled(
             if not shown[row, column]:
                 continue
             j, v = column // step, (column % step) / step
-            right = min(j + 1, nodes.shape[1] - 1)
+            next_column = min(j + 1, nodes.shape[1] - 1)
             for k in range(2):
-                upper = (1.0 - v) * nodes[i, j, 1 - k] + v * nodes[i, right, 1 - k]
-                lower = (1.0 - v) * nodes[next_row, j, 1 - k] + v * nodes[next_row, right, 1 - k]
+                upper = (1.0 - v) * nodes[i, j, 1 - k] + v * nodes[i, next_column, 1 - k]
+                lower = (1.0 - v) * nodes[next_row, j, 1 - k] + v * nodes[next_row, next_column, 1 - k]
                 place[k] = (1.0 - u) * upper + u * lower
             y, x = math.floor(place[0] + 0.5), math.floor(place[1] + 0.5)
             shown[row, column] = 0 <= y < size[0] and 0 <= x < size[1] and usable[int(y), int(x)]
             if not shown[row, column]:
                 continue
             for k in range(2):
-                at = (place[k] + 0.5) / reduction - 0.5
-                first[k] = max(min(int(at), blocks[k] - 2), 0)
-                part[k] = min(max(at - first[k], -beyond), 1.0 + beyond)
+                block = (place[k] + 0.5) / reduction - 0.5
+                first[k] = max(min(int(block), blocks[k] - 2), 0)
+                part[k] = min(max(block - first[k], -margin), 1.0 + margin)
             i_y, i_x = first[0], first[1]
             next_y, next_x = min(i_y + 1, blocks[0] - 1), min(i_x + 1, blocks[1] - 1)
             value = (1.0 - part[0]) * ((1.0 - part[1]) * image[i_y, i_x] + part[1] * image[i_y, next_x])

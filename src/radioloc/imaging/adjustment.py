@@ -91,13 +91,17 @@ class Adjusted:
 
     def place(self, image: int, pixel: Floats, pixel_sigma: float = 0.0) -> tuple[Floats, Floats]:
         """Return the place of a pixel, m, and its covariance, m^2, with the errors of the chain and of the pixel."""
-        place = self.model.place(image, pixel)
-        projected = self.model.project(np.array([image]), np.array([0]), place[np.newaxis])
-        to_place = np.linalg.inv(projected.by_place[0])
-        by_parameters = to_place @ projected.by_parameters[0]
+        place, to_place, by_parameters = self.place_partials(image, pixel)
         block = self.block(image)
         covariance = by_parameters @ self.covariance[block, block] @ by_parameters.T
         return place, covariance + pixel_sigma**2 * to_place @ to_place.T
+
+    def place_partials(self, image: int, pixel: Floats) -> tuple[Floats, Floats, Floats]:
+        """Return the place of a pixel, m, and its derivatives by the pixel and by corrections of the image."""
+        place = self.model.place(image, pixel)
+        projected = self.model.project(np.array([image]), np.array([0]), place[np.newaxis])
+        to_place = np.linalg.inv(projected.by_place[0])
+        return place, to_place, -to_place @ projected.by_parameters[0]
 
     def block(self, image: int) -> slice:
         """Return the slice of the parameters of an image."""
@@ -265,16 +269,30 @@ def _solve(
 
 def absorbed(ties: TiePoints, result: Adjusted, pattern: Floats) -> tuple[Floats, Floats]:
     """Return the corrections of images, (images, 8), by a pattern of pixels, (n, 2), and its remaining part."""
-    used = np.concatenate([result.used, result.map_used])
-    order = np.lexsort((ties.image, ties.point))
-    observed = _Observations(ties, order, used, np.array(result.sigma_factors))
+    normal = _final_equations(ties, result, pattern)
     model, places = result.model, result.places_m
-    normal = _normal_equations(observed, model, places, pattern)
     steps = normal.step()
     projected = model.project(ties.image, ties.point, places)
     explained = np.einsum("nij,nj->ni", projected.by_parameters, steps[ties.image])
     explained += np.einsum("nij,nj->ni", projected.by_place, normal.place_steps(steps)[ties.point])
     return steps, np.where(result.used[:, np.newaxis], pattern - explained, 0.0)
+
+
+def map_influence(ties: TiePoints, result: Adjusted, image: int, pixel: Floats) -> Floats:
+    """Return the derivatives of the place of a pixel by each point's place on the map, shape (points, 2, 2)."""
+    normal = _final_equations(ties, result)
+    by_parameters = result.place_partials(image, pixel)[2]
+    by_right = (by_parameters @ result.covariance[result.block(image)]).reshape(2, -1, 8)
+    by_points = np.einsum("nip,anp->ain", normal.coupling, -by_right[:, normal.image])
+    sums = _sums(normal.point, by_points, len(normal.map_weight))
+    return np.einsum("ain,nij,n->naj", sums, normal.points_inverse, normal.map_weight)
+
+
+def _final_equations(ties: TiePoints, result: Adjusted, pattern: Floats | None = None) -> _NormalEquations:
+    used = np.concatenate([result.used, result.map_used])
+    order = np.lexsort((ties.image, ties.point))
+    observed = _Observations(ties, order, used, np.array(result.sigma_factors))
+    return _normal_equations(observed, result.model, result.places_m, pattern)
 
 
 def _normal_equations(

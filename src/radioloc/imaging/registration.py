@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.errors import InputError
-from radioloc.imaging.adjustment import Adjusted, TiePoints, adjust, approximate_places
+from radioloc.imaging.adjustment import Adjusted, TiePoints, adjust, approximate_places, map_influence
 from radioloc.imaging.cameras import Camera, distorted, sight_matrix
 from radioloc.imaging.homography import Homography
 from radioloc.imaging.image_chain import (
@@ -47,9 +47,11 @@ _MIN_PART_WITH_HEIGHT = 0.5  # of an image's tie points, for poses over the elev
 # by up to a pixel each, but by less than a tenth in the mean. This bound, as of a uniform distribution, is sqrt(3)
 # sigmas. The error does not decrease with the number of tie points.
 _COMMON_PIXEL_PART = 0.1 / math.sqrt(3.0)
-# The same for ground taken as a plane, as a part of the rms displacement by relief: it is equal for neighbouring tie
-# points, and places err as if four of them were independent. The noise of features is independent and averages out.
-_COMMON_RELIEF_PART = 0.5
+# The least common error of oblique images of ground taken as a plane, as a part of the rms displacement by heights: the
+# adjustment absorbs relief that is wider than an image, and residuals do not show it.
+_COMMON_OBLIQUE_PART = 0.5
+# Distances between tie points at which the autocovariance of residuals is computed, and points for it.
+_LAG_COUNT, _MAX_LAG_POINTS = 40, 2000
 
 TIE_COLUMNS = (
     *("sample", "line", "residual_sample_px", "residual_line_px"),  # in images
@@ -97,7 +99,7 @@ class Registration:
     frames: tuple[RegisteredFrame, ...]
     plane: TangentPlane
     map_sigma_m: tuple[float, float]
-    common_sigma_m: float  # common to map features beside the map's tie, east and north
+    common_m2: Floats  # covariance common to map features beside the map's tie, east and north, shape (2, 2)
     height_sigma_m: float  # of oblique images: heights about the plane or the elevation model
     sigma_factors: tuple[float, float]  # of stated sigmas in images and on the map, from residuals
     redundancy: int
@@ -114,7 +116,7 @@ class Registration:
         """Return the place of a pixel of a registered image, by default its centre, with its covariance.
 
         The covariance includes errors of features and of the chain, and those common to all points: the map's tie,
-        0.058 of its pixel and, without relief, half of the rms displacement by relief. An unknown height h displaces
+        0.058 of its pixel and, without relief, its displacement of tie points. An unknown height h displaces
         the place by h tan(tilt) along its ray in the finest image with tie points on the map.
         """
         index, image = self._image(name)
@@ -133,11 +135,11 @@ class Registration:
                 "spread; choose another image or pixel"
             )
         longitude, latitude = self.plane.to_longitude_latitude(place[np.newaxis])[0]
-        common_m2 = np.square(self.map_sigma_m) + self.common_sigma_m**2
+        common_m2 = np.diag(np.square(self.map_sigma_m)) + self.common_m2
         if self.height_sigma_m:
             displacement = self.height_sigma_m * self._map_slope(index, place)
             covariance = covariance + np.outer(displacement, displacement)
-        ground = self.plane.covariance_at(place, covariance) + np.diag(common_m2)
+        ground = self.plane.covariance_at(place, covariance) + common_m2
         return GroundPoint(float(longitude), float(latitude), ground)
 
     def self_calibration(self, focal_sigma_part: float, k1_sigma: float) -> SelfCalibration:
@@ -263,9 +265,9 @@ class Registration:
         across_m2 = ((differences * slopes[:, ::-1] * [1.0, -1.0]).sum(axis=1) ** 2).sum() / slopes2.sum()
         error = math.hypot(along_m2, across_m2) * math.sqrt(2.0 / len(slopes))
         variance = max(along_m2 - across_m2, error) / slopes2.mean()
-        common_m = 0.0 if self.relief else _COMMON_RELIEF_PART * math.sqrt(0.5 * variance * slopes2.mean())
-        common_m = max(self.common_sigma_m, common_m)
-        return replace(self, height_sigma_m=math.sqrt(variance), common_sigma_m=common_m)
+        part_m2 = 0.0 if self.relief else 0.5 * (_COMMON_OBLIQUE_PART**2 * variance * slopes2.mean())
+        common_m2 = max(self.common_m2, part_m2 * np.eye(2), key=np.trace)
+        return replace(self, height_sigma_m=math.sqrt(variance), common_m2=common_m2)
 
     def pose_covariance(self, name: str) -> Floats | None:
         """Return the covariance of a pose relative to the map, shape (6, 6); None for an image without adjusted pose.
@@ -400,15 +402,15 @@ def adjusted_registration(
             homography=homography,
         )
     relief = isinstance(result.model, Poses)
-    common_m = _COMMON_PIXEL_PART * chain.map.base.resolution_m
+    common_m2 = (_COMMON_PIXEL_PART * chain.map.base.resolution_m) ** 2 * np.eye(2)
     if not relief:
-        common_m = math.hypot(common_m, common_relief_m(ties, result))
+        common_m2 += relief_covariance_m2(ties, result, len(numbers) - 1)
     _require_order([frame for frame in frames if frame.is_registered])
     registration = Registration(
         frames=tuple(frames),
         plane=chain.map.plane,
         map_sigma_m=map_sigma_m,
-        common_sigma_m=common_m,
+        common_m2=common_m2,
         height_sigma_m=0.0,
         sigma_factors=result.sigma_factors,
         redundancy=result.redundancy,
@@ -424,11 +426,33 @@ def adjusted_registration(
     return registration.with_height_sigma() if oblique else registration
 
 
-def common_relief_m(ties: TiePoints, result: Adjusted) -> float:
-    """Return the sigma common to places on ground taken as a plane, m, from residuals beyond the stated map noise."""
-    used = result.map_used
-    square_m2 = np.mean(result.map_residuals_m[used] ** 2) - np.mean(ties.map_sigma_m[used] ** 2)
-    return _COMMON_RELIEF_PART * math.sqrt(max(0.0, float(square_m2)))
+def relief_covariance_m2(ties: TiePoints, result: Adjusted, image: int) -> Floats:
+    """Return the covariance of the middle of an image by relief of ground taken as a plane, m^2, shape (2, 2).
+
+    Relief displaces neighbouring tie points alike, which the adjustment takes for independent noise. Errors of two tie
+    points have the autocovariance of the residuals on the map at their distance, up to the first that is not positive
+    (initial positive sequence, Geyer 1992): beyond, residuals lack what the adjustment absorbed.
+    """
+    used = np.flatnonzero(result.map_used)
+    step = -(-len(used) // _MAX_LAG_POINTS)
+    points, residuals_m = ties.map_point[used[::step]], result.map_residuals_m[used[::step]]
+    pixel = ties.pixels[result.used & (ties.image == image)].mean(axis=0)
+    influence = step * map_influence(ties, result, image, pixel)[points]
+    first, second = np.triu_indices(len(points), 1)
+    distance_m = np.linalg.norm(result.places_m[points[first]] - result.places_m[points[second]], axis=1)
+    lag = np.searchsorted(np.quantile(distance_m, np.arange(1, _LAG_COUNT) / _LAG_COUNT), distance_m)
+    products_m2 = [
+        np.bincount(lag, residuals_m[first, i] * residuals_m[second, j], _LAG_COUNT)
+        for i, j in ((0, 0), (0, 1), (1, 0), (1, 1))
+    ]
+    autocovariance_m2 = np.reshape(
+        products_m2 / np.maximum(np.bincount(lag, minlength=_LAG_COUNT), 1), (2, 2, -1)
+    )
+    autocovariance_m2 *= np.logical_and.accumulate(np.trace(autocovariance_m2) > 0.0)
+    between_m2 = autocovariance_m2.transpose(2, 0, 1)[lag]
+    covariance_m2 = np.einsum("nai,nij,nbj->ab", influence[first], between_m2, influence[second])
+    values, axes = np.linalg.eigh(covariance_m2 + covariance_m2.T)
+    return np.asarray(axes * np.maximum(values, 0.0) @ axes.T)
 
 
 def _adjusted(chain: ImageChain, terrain: TerrainModel | None) -> tuple[list[int], TiePoints, Adjusted]:

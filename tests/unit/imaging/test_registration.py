@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from image_chains import Chain, drawn_ties
+from image_chains import CENTRE, Chain, drawn_ties
 from image_descents import PIXEL_M, Descent, scene
 from scenes import frame, frame_matrix
 
@@ -13,7 +13,7 @@ from radioloc.imaging import Distortion, image_chain
 from radioloc.imaging.cameras import Camera, undistorted
 from radioloc.imaging.frames import find_mask, read_frame
 from radioloc.imaging.image_chain import Frame, FrameStatus
-from radioloc.imaging.registration import common_relief_m, register_chain
+from radioloc.imaging.registration import register_chain, relief_covariance_m2
 from radioloc.lunar.maps import Map
 
 MAP_M = (5.0, 5.0)
@@ -117,19 +117,28 @@ def test_last_images_that_only_match_each_other_are_untied(base):
     assert list(statuses(result).values()) == expected
     assert result.frames[4].matched_to == ("0003.png",)
     # Feature noise on flat ground averages out: less than a tenth of a pixel is common to all points.
-    assert result.common_sigma_m < 0.1 * base.resolution_m
+    assert np.sqrt(np.diag(result.common_m2)).max() < 0.1 * base.resolution_m
     with pytest.raises(InputError, match=r"0004\.png is untied"):
         result.ground_point("0004.png")
 
 
-@pytest.mark.parametrize(("relief_m", "common_m"), [(0.0, 0.0), (4.0, 2.0)])
-def test_common_error_of_a_plane_is_half_of_the_displacement_by_relief(relief_m, common_m):
-    rng = np.random.default_rng(1)
-    chain = Chain(images=6, map_below=6, on_map=300)
-    ties = drawn_ties(chain, rng, sigma_px=0.6, map_sigma_m=3.0, outliers=0.0)
-    displaced_m = ties.map_m + rng.normal(0.0, relief_m, ties.map_m.shape)
-    result = chain.adjusted(replace(ties, map_m=displaced_m))
-    assert common_relief_m(ties, result) == pytest.approx(common_m, abs=0.5)
+def test_errors_of_a_plane_with_correlated_displacement_have_their_sigma():
+    """Displace places on the map by 4 m, alike within some 120 m, and count errors in sigmas."""
+    chain, squares, independent_m = Chain(images=3, map_below=3, on_map=150), [], []
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        ties = drawn_ties(chain, rng, sigma_px=0.6, map_sigma_m=3.0, outliers=0.0)
+        independent_m.append(np.sqrt(np.trace(relief_covariance_m2(ties, chain.adjusted(ties), 2))))
+        waves, phases = rng.normal(0.0, 1.0 / 120.0, (2, 50)), rng.uniform(0.0, 2.0 * np.pi, 50)
+        moved_m = 4.0 / 5.0 * np.cos(ties.map_m @ waves + phases) @ rng.normal(size=(50, 2))
+        ties = replace(ties, map_m=ties.map_m + moved_m)
+        result = chain.adjusted(ties)
+        place, covariance = result.place(2, CENTRE)
+        covariance = covariance + relief_covariance_m2(ties, result, 2)
+        error_m = place - chain.ground(2, CENTRE)
+        squares.append(error_m @ np.linalg.solve(covariance, error_m))
+    assert 0.7 < 0.5 * np.mean(squares) < 1.4
+    assert np.median(independent_m) < 0.3
 
 
 @pytest.mark.slow

@@ -191,13 +191,10 @@ class BinnedProblem:
         """Columns (n + k, w) with values (m, w) in some rows (m,); those of one row are added."""
         from scipy.sparse import csc_array
 
-        index = (
-            np.broadcast_to(rows[:, None], values.shape),
-            np.broadcast_to(np.arange(values.shape[1]), values.shape),
-        )
-        columns = csc_array(
-            (values.ravel(), tuple(map(np.ravel, index))), (len(self.whitened), values.shape[1])
-        )
+        count, width = values.shape
+        parts = values.T.ravel(), np.tile(rows, width), count * np.arange(width + 1)
+        columns = csc_array(parts, (len(self.whitened), width))
+        columns.sum_duplicates()
         columns.eliminate_zeros()
         return columns
 

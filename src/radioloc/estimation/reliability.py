@@ -95,7 +95,7 @@ def assess_reliability(
             # Iterative refinement: the normal equations round the effects of errors that other parameters absorb.
             refinement_m = by_point @ columns - absorbed @ gain
             rounded_m, refined_m = (
-                float(np.linalg.norm(effect_m / item.sigmas, 2))
+                _largest_singular_value(effect_m / item.sigmas)
                 for effect_m in (shift_m, shift_m + refinement_m)
             )
             is_rounding = abs(refined_m - rounded_m) > _MAX_ROUNDING_FRACTION * refined_m
@@ -110,9 +110,13 @@ def assess_reliability(
                 result = replace(result, minimal=length * float(sizes[-1]))
                 if enu_by_unit is not None:
                     root_m = enu_by_unit @ test.shift_root_covariance[:width, revealed]
-                    result = replace(result, shift_m=length * float(np.linalg.norm(root_m, 2)))
+                    result = replace(result, shift_m=length * _largest_singular_value(root_m))
         results.append(result)
     return tuple(results)
+
+
+def _largest_singular_value(matrix: Floats) -> float:
+    return float(np.linalg.svd(matrix, compute_uv=False)[0])
 
 
 @cache

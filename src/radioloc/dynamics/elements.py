@@ -32,7 +32,7 @@ EQUINOCTIAL = ("semi_major_axis_m", "ex", "ey", "hx", "hy", "true_longitude_deg"
 ELEMENT_NAMES = {"keplerian": KEPLERIAN, "equinoctial": EQUINOCTIAL}
 """Names of the elements of each form, in order."""
 
-_IMAGINARY_STEP = 1e-30  # its square is negligible: complex steps give partials without rounding errors
+_IMAGINARY_STEP = 1e-30  # its square is negligible: complex steps give partials without cancellation errors
 _RAD_PER_DEG = np.pi / 180.0  # np.radians refuses complex numbers
 
 
@@ -78,8 +78,8 @@ def elements_from_state(
     Raises
     ------
     InputError
-        Position and velocity are parallel, the orbit is parabolic or has an inclination of exactly 180 deg, or the form
-        is unknown.
+        If position and velocity are parallel, the orbit is parabolic or has an inclination of exactly 180 deg, the
+        state does not have six components, or the form is unknown.
 
     Examples
     --------
@@ -90,16 +90,18 @@ def elements_from_state(
     [1800000.0, 0.01, 88.0, 115.0, 30.0, 200.0]
     """
     _require_form(form)
+    if np.size(state) != 6:
+        raise InputError(f"state: expected six numbers (position, velocity), got {np.size(state)}")
     position, velocity = (np.asarray(axes) @ vector for vector in np.reshape(state, (2, 3)))
-    momentum = np.cross(position, velocity)
+    angular_momentum = np.cross(position, velocity)
     with np.errstate(divide="ignore", invalid="ignore"):
         distance = np.linalg.norm(position)
         semi_major_axis_m = 1.0 / (2.0 / distance - velocity @ velocity / gm_m3_s2)
-        normal_x, normal_y, normal_z = momentum / np.linalg.norm(momentum)
+        normal_x, normal_y, normal_z = angular_momentum / np.linalg.norm(angular_momentum)
         # With an inclination of 180 deg the node is undefined.
         hx, hy = -normal_y / (1.0 + normal_z), normal_x / (1.0 + normal_z)
         axis_0, axis_90 = _orbital_axes(hx, hy)
-        eccentricity_vector = np.cross(velocity, momentum) / gm_m3_s2 - position / distance
+        eccentricity_vector = np.cross(velocity, angular_momentum) / gm_m3_s2 - position / distance
     ex, ey = eccentricity_vector @ axis_0, eccentricity_vector @ axis_90
     true_longitude = np.arctan2(position @ axis_90, position @ axis_0)
     equinoctial = np.array([semi_major_axis_m, ex, ey, hx, hy, np.degrees(true_longitude) % 360.0])
@@ -168,7 +170,7 @@ def state_from_elements(
 
 
 def state_with_partials(elements: Floats, gm_m3_s2: float, axes: Floats, form: str) -> tuple[Floats, Floats]:
-    """Return the state (6,) of elements, also of a hyperbola, and its partials (6, 6), those of angles per degree."""
+    """Return the state (6,) and its partials (6, 6), per degree for angles; a hyperbola is allowed."""
     stepped = elements + 1j * _IMAGINARY_STEP * np.eye(6)
     states = np.stack([_analytic_state(item, gm_m3_s2, axes, form) for item in stepped], axis=-1)
     return states[:, 0].real, states.imag / _IMAGINARY_STEP

@@ -138,21 +138,21 @@ class Trajectory:
     def geocentric(self, ephemeris: Ephemeris, tdb: EpochsLike) -> tuple[Floats, Floats]:
         """Return positions and velocities relative to the Earth's centre, ICRF axes, m and m/s, (n, 3) each.
 
-        They are geometric (no light time), in the coordinates of the barycentric system (BCRS) compatible with TDB. The
-        segments take an epoch as one float, which rounds it to 0.06 microseconds (0.1 mm at 2 km/s). The velocity times
-        the remainder of the epoch corrects the position.
+        They are geometric (no light time), in the coordinates of the barycentric system (BCRS) compatible with TDB.
 
         Raises
         ------
         CoverageError
-            An epoch lies outside the trajectory or in a gap of it, or outside the ephemeris, or the Moon's orientation.
+            An epoch lies outside the trajectory, in a gap of it, outside the ephemeris, or outside the Moon's
+            orientation.
         KernelError
-            A state is not a number, or the ephemeris does not hold the centre.
+            A state is not a number, or the ephemeris lacks the centre.
         """
         tdb.require("TDB")
         midnight_s = (tdb.jd - J2000_JD) * SECONDS_PER_DAY
         seconds_of_day = tdb.fraction * SECONDS_PER_DAY
         et_s = midnight_s + seconds_of_day
+        # Segments take an epoch as one float, rounded to 0.06 microseconds: 0.1 mm at 2 km/s.
         rounding_s = (midnight_s - et_s) + seconds_of_day
         indices = self.segment_indices(et_s)
         if (indices < 0).any():
@@ -261,7 +261,7 @@ def _trajectory(
 def _covered_spans_s(
     segment: TrajectorySegment, center_trajectories: Mapping[int, Trajectory]
 ) -> Iterator[tuple[float, float]]:
-    """Yield the parts of a segment's span for which its centre has a trajectory, or all of it for other centres."""
+    """Yield the parts of a segment's span that its centre's trajectory covers; all of it for other centres."""
     center = center_trajectories.get(segment.center)
     for start_s, end_s in [_UNLIMITED_SPAN_S] if center is None else center.covered_s:
         if start_s <= segment.end_s and segment.start_s <= end_s:

@@ -15,6 +15,9 @@
    not significant. The finding names the possible cause with the largest odds, and the others as its alternatives.
 4. Adaptation. Z becomes part of the design matrix, and stages 1 to 3 are repeated until no test is significant.
 
+A link is the path of a signal from station to station, such as KASHI>lander>KASHI. A series holds the observations of
+one type and link, and is named by the code of its link. A finding is a significant error.
+
 References: Baarda (1968), A testing procedure for use in geodetic networks; Foerstner (1983), Reliability and
 discernability of extended Gauss-Markov models; Teunissen (1990), Quality control in integrated navigation systems.
 """
@@ -58,7 +61,7 @@ from radioloc.time import Epochs, utc_strings
 from radioloc.vectors import Floats
 
 _LOG_SIGNIFICANCE_LEVEL = math.log(SIGNIFICANCE_LEVEL)
-_LOG_SEPARABILITY_LEVEL = math.log(1e-3)  # excludes one right cause in a thousand
+_LOG_SEPARABILITY_LEVEL = math.log(1e-3)  # probability of excluding the true cause
 _MAX_FINDING_COUNT = 3  # further findings are mostly consequences of the first
 _MAX_GROUP_COUNT = 200  # bounds the time for long arcs of many passes
 _MAX_ROUND_COUNT = 3  # iterations between the noise and the most significant error
@@ -201,7 +204,7 @@ class _GrossErrorSearch:
         return [_ErrorTest.from_score(group, test, len(groups)) for group, test in tests if test is not None]
 
     def list_groups(self, problem: BinnedProblem) -> list[Hypothesis]:
-        """Return each link, type, station and pass of a station whose removal leaves other observations."""
+        """Return the groups (link, type, station, pass) that can be removed without removing all observations."""
         order, codes = self.hypotheses.order, self.hypotheses.codes
         group_links = {("link", order.series[code].name): {code: 1.0} for code in codes}
         for code in codes:
@@ -222,7 +225,7 @@ class _GrossErrorSearch:
         counts = Counter(item.family for item in hypotheses)
         for name, links in self.hypotheses.link_sets:
             epochs_s = self.hypotheses.step_epochs_s(links)
-            counts[Family.STEP] += len(epochs_s)
+            counts[Family.STEP] += len(epochs_s)  # the maximum over epochs is one of so many tests
             if len(epochs_s):
                 index = int(np.argmax(problem.chi2_of_steps(links, epochs_s)))
                 hypotheses.append(self.hypotheses.step(name, links, float(epochs_s[index])))
@@ -239,11 +242,15 @@ class _GrossErrorSearch:
     def find_most_significant(
         self, problem: BinnedProblem, group_tests: list[_ErrorTest]
     ) -> _ErrorTest | None:
-        """Return the most significant error or group, with alternatives that the data cannot exclude."""
+        """Return the most significant error or group, with the alternatives that the data cannot exclude."""
         tests = self.test_hypotheses(problem)
         detected = min([*tests, *group_tests], key=_log_p_value, default=None)
         if detected is None or detected.score_test.chi2 == 0.0:  # residuals are zero
             return None
+        return self.identify(problem, detected)
+
+    def identify(self, problem: BinnedProblem, detected: _ErrorTest) -> _ErrorTest:
+        """Return the most significant error by the noise after its estimation, with its alternatives."""
         identified = detected
         for _ in range(_MAX_ROUND_COUNT):
             previous = identified.hypothesis
@@ -279,7 +286,7 @@ class _GrossErrorSearch:
         return score_test is not None and _ErrorTest.from_score(hypothesis, score_test, count).is_significant
 
     def joint_records(self, findings: list[_ErrorTest], problem: BinnedProblem) -> Iterator[ConsistencyTest]:
-        """Yield the records of the findings: their joint amounts, and the shift as each is added to those before."""
+        """Yield the records of the findings: joint amounts, and the change of the estimate by each in turn."""
         fitted, extended = self.hypotheses.fitted, self.hypotheses.problem.with_noise_of(problem)
         for finding in findings:
             begin = len(extended.estimate)

@@ -4,21 +4,21 @@ An observation with residual r_i, stated standard deviation s_i and leverage h_i
 
     |r_i| > t max(1, k) s_i sqrt(1 - h_i),    h_i = (A P A^T)_ii / s_i^2,
 
-with design matrix A and covariance P of the estimate. For a rejected observation the root is sqrt(1 + h_i), since the
-fit is independent of it. The root is limited to 0.2 to 5. The threshold t counts standard deviations. All observations
-beyond their limits are rejected at once. The robust scale k, 1.4826 times the median of |r/s|, is taken over all usable
-observations, so that rejections do not tighten the limit.
+with design matrix A and covariance P of the estimate. The threshold t is in standard deviations. For an observation
+that the last fit did not use, the factor is sqrt(1 + h_i) in place of sqrt(1 - h_i), since the fit is independent of
+it; the factor is limited to the interval from 0.2 to 5. The robust scale k is 1.4826 times the median of |r/s| over all
+usable observations, including rejected ones, so that rejections do not tighten the limit.
 
 1. A robust estimate, or a previous fit, gives the first residuals.
-2. All observations within the limit are used, whether they were used before or not, and the others are rejected.
+2. All observations within their limits are used, whether they were used before or not. The others are rejected.
 3. The parameters are estimated; steps 2 and 3 are repeated until the set of used observations stays the same.
 
 No observation is rejected if more than 30 % would be: the model, a station or the sigmas are then wrong. If more than
 30 % exceed their limits at the robust estimate, the decision is repeated with the residuals of a fit to all
 observations. A link with 70 % of outliers or more is taken as wrong as a whole and is left out of this count, as long
 as such links hold less than half of the observations, the largest fraction of errors that an estimate withstands
-(Rousseeuw and Leroy 1987). Otherwise a station clock that is 1 ms off would be fitted, and the position would end
-thousands of kilometres away.
+(Rousseeuw and Leroy 1987). If such a link were counted, a station clock that is 1 ms off would keep all observations
+in the fit, and the position would be wrong by thousands of kilometres.
 
 References: Baarda (1968), A testing procedure for use in geodetic networks; Belsley, Kuh and Welsch (1980), chapter 2;
 Rousseeuw and Leroy (1987), Robust regression and outlier detection, section 1.2.
@@ -69,7 +69,7 @@ class EditedFit:
     fit_count: int = 1  # number of fits of the editing
     is_settled: bool = True  # False if the editing ended early, or another fit would use other observations
     message: str = ""  # problems of the editing
-    # Variance components of groups, as sigmas; errors of stations that delays share.
+    # Variance components as sigmas, m: of groups of observations, and of station errors common to delays of one epoch.
     additive_sigma_m: Mapping[str, float] = field(default_factory=dict)
     shared_sigma_m: Mapping[str, float] = field(default_factory=dict)
     series_weights: tuple[SeriesWeight, ...] = ()  # series with noise that is correlated in time
@@ -169,7 +169,7 @@ def fit_with_editing(
         if is_poor_start:
             start_outlier_count, selection = outlier_count, _Selection(editor.usable)
         elif too_many_outliers:
-            # The robust estimate counts outliers better than a fit, whose residuals they enlarge.
+            # Outliers enlarge all residuals of a fit, so that their number at the robust estimate is stated.
             selection = editor.without_rejections(start_outlier_count or outlier_count, threshold)
         elif len(selections) >= _MAX_FIT_COUNT:
             message = f"the editing did not settle in {_MAX_FIT_COUNT} fits"
@@ -280,7 +280,7 @@ class _Editor:
         return robust_scale(normalized, self.unconstrained_count)
 
     def without_rejections(self, outlier_count: int, threshold: float) -> _Selection:
-        """Select all usable observations, with the message why."""
+        """Select all usable observations, with a message that says why."""
         message = (
             f"{outlier_count} of {self.usable.sum()} observations exceed {threshold:g} sigmas, more than the limit of "
             f"{self.max_rejected}, so none is rejected: check stations, sigmas and model"

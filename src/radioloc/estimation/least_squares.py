@@ -14,9 +14,13 @@ A step with mu = 0 that does not lower J is repeated with larger damping mu from
 of the estimate is P = V S^-2 V^T. Directions of negligible singular values are undetermined: parameters keep their
 start values there.
 
-Iterations have converged after a step below the tolerance, or if the next step would be negligible. They have also
-converged if short steps no longer shrink, or do not lower J with any damping, since rounding errors then dominate. If a
-long step does not lower J with any damping, the fit has diverged.
+The iterations have converged
+
+- after a step below the tolerance,
+- if the next step would be negligible, or
+- if short steps no longer shrink or do not lower J with any damping, since rounding errors then dominate.
+
+If a long step does not lower J with any damping, the fit has diverged.
 
 References: Tapley, Schutz and Born (2004), sections 4.3 and 5.6; Bierman (1977), chapters IV and V; Levenberg (1944);
 Marquardt (1963).
@@ -91,7 +95,7 @@ class FitResult:
     dof: int  # used observations and a-priori values less determined directions
     status: FitStatus
     iterations: int  # number of Gauss-Newton steps
-    factor: Factor  # decomposition of the whitened problem, at x or at an iterate that differs by a converged step
+    factor: Factor  # decomposition of the whitened problem, at x or at the preceding iterate, a negligible step away
     whitening: Whitener  # of the used observations, by the weights of the fit
     time_correlation: TimeCorrelation | None = None  # noise model of fits with correlated weights
     smoothed: tuple[Smoothed, ...] = ()  # stochastic accelerations of each orbit
@@ -133,8 +137,8 @@ class FitResult:
     def noise_scale(self) -> float:
         """Scale factor of the stated sigmas, sqrt(chi2/dof) if chi2 is significantly too large, otherwise 1.
 
-        Correlated weights are scaled already. Without the scale, the mean of two ranges that are 20 sigmas apart would
-        have 0.7 of the sigma of one range, although the ranges contradict each other.
+        Without it, for example, the mean of two ranges that are 20 sigmas apart would have 0.7 of the sigma of one
+        range, although the ranges contradict each other. Correlated weights include the scale already.
         """
         significant = self.dof > 0 and self.chi2 > chi2_quantile(SCALING_PROBABILITY, self.dof)
         return math.sqrt(self.chi2 / self.dof) if significant and self.has_independent_weights else 1.0
@@ -309,8 +313,8 @@ class _GaussNewton:
         factor, length = iterate.factor, iterate.factor.step_sigmas
         while damping <= _MAX_DAMPING * factor.singular_values[0]:
             trial = self.step(iterate, damping)
-            # So short a step changes the sum of squares by less than its rounding, and the partials by less than
-            # 1e-6: it is accepted without a test and another factorization.
+            # A step below the tolerance changes the sum of squares by less than its rounding errors, and the partials
+            # by less than 1e-6: it needs neither a test nor a new factorization.
             if length < self.step_tolerance(iterate):
                 return trial, damping
             bound = iterate.sum_of_squares

@@ -121,11 +121,11 @@ class EstimationProblem:
         return any(target.process_noise is not None for target in self.model.targets)
 
     def orbits_with_gravity_errors(self, x: Floats) -> GravityErrorOrbits:
-        """Return the orbits at parameters x whose gravity fields have errors, by the index of the target."""
+        """Return orbits at parameters x for the partials of errors of the gravity field, by the index of the target."""
         orbits = {
             k: target.gravity_errors(x[self.model.columns_of(k)])
             for k, target in enumerate(self.model.targets)
-            if target.process_noise is None  # which represents these errors
+            if target.process_noise is None  # process noise represents the errors of gravity already
         }
         return {k: orbit for k, orbit in orbits.items() if orbit is not None}
 
@@ -158,7 +158,7 @@ class ArcPart:
 
 
 def arc_parts(problem: EstimationProblem, lengths_h: Iterable[float]) -> list[ArcPart]:
-    """Return the problems of the first hours of an arc; each needs observations."""
+    """Return a problem for each length, with the observations from the start of the arc; each needs some."""
     since_s = since_start_s(problem.predictor.observations, problem.study.observations)
     first_h = float(since_s.min(initial=math.inf)) / 3600.0
     parts = []
@@ -218,7 +218,7 @@ def _considered_choices(
             name: with_canonical_names(PARAMETERS[name], item, predictor.uncombined)
             for name, item in choice.parameters.items()
         }
-    # `ephemeris_sigma_m` includes the errors of the Moon; with a trajectory, [consider] has to name them.
+    # `ephemeris_sigma_m` includes the errors of the Moon already; a trajectory has errors of its own in their place.
     kinds_without_default = _MOON_KINDS if any(choice.ephemeris_sigma_m) or predictor.trajectories else ()
     with error_context("[consider]"):
         return resolve_considered(

@@ -27,7 +27,7 @@ def earth_elevation_rad(
     ephemeris: Ephemeris, libration: LunarOrientation, tdb: Epochs, point_pa_m: Floats
 ) -> Floats:
     """Elevation of the Earth's centre above the horizon of a point (principal axes, m) on a sphere, rad, shape (n,)."""
-    # Light time, aberration and the Earth's radius are neglected: 1 degree.
+    # Light time, aberration and the Earth's radius, up to 1 degree together, are neglected.
     moon_m, _ = ephemeris.geocentric("moon", tdb)
     angles_rad, _ = libration.angles(tdb)
     to_earth_m = np.einsum("nij,nj->ni", rot_icrf_to_pa(angles_rad), -moon_m) - point_pa_m
@@ -116,8 +116,8 @@ def rot_icrf_to_pa_rate(angles_rad: ArrayLike, rates_rad_s: ArrayLike) -> Floats
 def rot_pa_to_me(constants: EphemerisConstants) -> Floats:
     """Rotation from the principal to the mean-Earth axes of an ephemeris, Rx Ry Rz of constant angles, shape (3, 3).
 
-    With DE421's angles a point moves by up to 875 m (the literature often quotes 860 m, from older angles).
-    Frame kernels give the inverse, from ME to PA, as angles of opposite sign that are applied in reverse order.
+    With DE421's angles the coordinates of a point on the surface change by up to 875 m (the literature often quotes
+    860 m, from older angles). Frame kernels give the inverse, from ME to PA, as angles of opposite sign that are applied in reverse order.
 
     Examples
     --------
@@ -183,7 +183,6 @@ def rot_icrf_to_iau_moon(tdb: EpochsLike) -> Floats:
     sines, cosines = np.sin(arguments), np.cos(arguments)
     pole_ra_deg = polyval(centuries, _IAU_POLE_RA_DEG) + sines @ _IAU_TERMS[:, 2]
     pole_dec_deg = polyval(centuries, _IAU_POLE_DEC_DEG) + cosines @ _IAU_TERMS[:, 3]
-    # The reduction modulo 360 deg keeps the precision of the prime meridian, which grows by thousands of turns.
     prime_meridian_deg = polyval(days, _IAU_PRIME_MERIDIAN_DEG) % 360.0 + sines @ _IAU_TERMS[:, 4]
     euler_deg = np.stack([90.0 + pole_ra_deg, 90.0 - pole_dec_deg, prime_meridian_deg], axis=-1)
     return rot_icrf_to_pa(np.radians(euler_deg))

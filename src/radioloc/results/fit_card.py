@@ -44,6 +44,7 @@ _MAX_PAGE_ROWS = 300  # rejected observations in the table of a page
 _MAX_UNFOLDED_ROWS = 20  # the page folds a longer table
 _RANGE_SIGNIFICANCE_LEVEL = 1e-3  # for all pairs of links of a card together
 _ELLIPSOID_PROBABILITY = 0.683
+_RELATIVE_ROUNDING = 1e-14  # of variances
 _MIN_REPORTED_SIGMA_FACTOR = 1.05  # the card states a time correlation that enlarges the sigma by more
 _MIN_ADVISED_SIGMA_FACTOR = 3.0  # above it, correlated weights give a much better estimate
 
@@ -71,14 +72,14 @@ def rejected_detail(solution: Solution) -> Detail:
     cells = zip(epochs, links, sizes, residuals.statuses[rows], strict=True)
     title = f"{len(rows)} of {count}" if count > len(rows) else "All"
     field = Field("", heading=("UTC", "link", "residual, m", "reason"), rows=cells)
-    heading = f"{title}, the largest residuals first"
+    heading = f"{title}, the largest residuals in sigmas first"
     return Detail(REJECTED, heading, (field,), is_open=count <= _MAX_UNFOLDED_ROWS)
 
 
 def finding_lines(solution: Solution, *, serious: bool) -> Iterator[str]:
-    """Yield either the serious findings or the others, and after the last the position with the errors estimated.
+    """Yield the serious findings, for the lines below the status, or the others, for the section on residuals.
 
-    The serious findings stand below the status, and the others in the section on residuals.
+    The position that is estimated together with all errors follows.
     """
     texts = [str(item) for item in select_findings(solution, serious=serious)]
     prefix = "WARNING: " if solution.converged else "likely cause: "
@@ -108,8 +109,8 @@ def select_findings(solution: Solution, *, serious: bool) -> Iterator[Consistenc
 def _is_outside_ellipsoid(solution: Solution, shift_enu_m: tuple[float, float, float] | None) -> bool:
     """Return whether d^T P^-1 d of a shift d exceeds the 68 % quantile of chi-square.
 
-    P is the total covariance of the position, less the part that stems from the shift by all findings. A moving target
-    has no shift.
+    P is the total covariance of the position minus the outer product of the joint shift by all findings, which that
+    covariance includes. A moving target has no shift.
     """
     if shift_enu_m is None or not solution.position_determined:
         return False
@@ -117,9 +118,10 @@ def _is_outside_ellipsoid(solution: Solution, shift_enu_m: tuple[float, float, f
     if (adapted := solution.consistency.adapted) is not None:
         joint_shift_m = solution.enu_partials @ adapted.shift
         covariance_m2 = covariance_m2 - np.outer(joint_shift_m, joint_shift_m)
-    dof = int(np.linalg.matrix_rank(covariance_m2, hermitian=True))  # a fixed direction has zero variance
-    chi2 = float(shift_m @ np.linalg.pinv(covariance_m2, hermitian=True) @ shift_m)
-    return dof > 0 and chi2 > chi2_quantile(_ELLIPSOID_PROBABILITY, dof)
+    variances_m2, axes = np.linalg.eigh(covariance_m2)
+    is_free = variances_m2 > _RELATIVE_ROUNDING * variances_m2.max()  # a fixed direction has zero variance
+    chi2 = float(((shift_m @ axes[:, is_free]) ** 2 / variances_m2[is_free]).sum())
+    return bool(is_free.any()) and chi2 > chi2_quantile(_ELLIPSOID_PROBABILITY, int(is_free.sum()))
 
 
 def _data_lines(residuals: Residuals) -> Iterator[str]:
@@ -267,7 +269,7 @@ def _range_means(solution: Solution) -> dict[str, list[_RangeMean]]:
 
 
 def _rejected_lines(residuals: Residuals) -> Iterator[str]:
-    """Yield the rejected observations: each of a few, otherwise those of a link with one reason in one line."""
+    """Yield a line for each of a few rejected observations, or for each link and reason if there are many."""
     rejected, links, reasons = _rejected_rows(residuals), _link_labels(residuals), residuals.reasons
     keys = links.codes[rejected] * len(reasons.texts) + reasons.codes[rejected]
     if len(rejected) <= _MAX_REJECTED_LINES:

@@ -117,7 +117,8 @@ def rot_pa_to_me(constants: EphemerisConstants) -> Floats:
     """Rotation from the principal to the mean-Earth axes of an ephemeris, Rx Ry Rz of constant angles, shape (3, 3).
 
     With DE421's angles the coordinates of a point on the surface change by up to 875 m (the literature often quotes
-    860 m, from older angles). Frame kernels give the inverse, from ME to PA, as angles of opposite sign that are applied in reverse order.
+    860 m, from older angles). Frame kernels give the inverse, from ME to PA, as angles of opposite sign that are
+    applied in reverse order.
 
     Examples
     --------

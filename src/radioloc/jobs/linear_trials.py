@@ -72,19 +72,12 @@ class LinearArc:
     estimate: EstimateChoice
     # (m, c), effects of considered errors that are not in the weights, each of one sigma.
     unadjusted_m: Floats
-    # (3 points,), of a-priori positions that are drawn about the truth.
-    drawn_prior_sigmas: Floats | None = None
+    drawn_sigmas: Floats  # (k,), of the first parameters, whose a-priori values are drawn; zero for others
 
     def fit(self, residual_m: Floats, seed: int) -> EditedFit:
         """Fit to residuals, as a study does, with the a-priori values of a trial's seed."""
-        linear, parameters = self.problem.residual_function(residual_m), self.parameters
-        if self.drawn_prior_sigmas is not None:
-            values, sigmas = parameters.prior_values.copy(), self.drawn_prior_sigmas
-            drawn = self.problem.x[: len(sigmas)] + drawn_prior_errors(sigmas, seed)
-            values[: len(sigmas)] = np.where(sigmas > 0.0, drawn, values[: len(sigmas)])
-            parameters = ParameterSet(
-                [replace(item, prior_value=float(x)) for item, x in zip(parameters, values, strict=True)]
-            )
+        linear = self.problem.residual_function(residual_m)
+        parameters = with_drawn_priors(self.parameters, self.problem.x, self.drawn_sigmas, seed)
         edited = fit_with_variance_components(
             linear,
             parameters,
@@ -174,9 +167,15 @@ def trial_seed(seed: int, trial: int) -> int:
     return sum(int(word) << (32 * k) for k, word in enumerate(words))
 
 
-def drawn_prior_errors(sigmas: Floats, seed: int) -> Floats:
-    """Draw the errors of the a-priori positions in a trial."""
-    return sigmas * np.random.default_rng([seed, _OF_PRIORS]).standard_normal(len(sigmas))
+def with_drawn_priors(parameters: ParameterSet, x: Floats, sigmas: Floats, seed: int) -> ParameterSet:
+    """Draw the a-priori values of a trial about the true parameters x, by sigmas of the first ones; zero draws none."""
+    if not sigmas.any():
+        return parameters
+    drawn = x[: len(sigmas)] + sigmas * np.random.default_rng([seed, _OF_PRIORS]).standard_normal(len(sigmas))
+    items = list(parameters)
+    for k in np.flatnonzero(sigmas).tolist():
+        items[k] = replace(items[k], prior_value=float(drawn[k]))
+    return ParameterSet(items)
 
 
 def true_values(fixed: dict[str, float], drawn: dict[str, float]) -> dict[str, float]:

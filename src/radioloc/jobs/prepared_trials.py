@@ -21,10 +21,10 @@ from radioloc.jobs.linear_trials import (
     LinearArc,
     LinearTrials,
     base_columns,
-    drawn_prior_errors,
     rows_of,
     trial_seed,
     true_values,
+    with_drawn_priors,
 )
 from radioloc.jobs.locate import solve
 from radioloc.jobs.preparation import build_model, planned_arc, usability
@@ -47,7 +47,7 @@ from radioloc.parameters.registry import PARAMETERS
 from radioloc.results.monte_carlo import MonteCarlo
 from radioloc.simulation import World
 from radioloc.simulation.noise import NoiseDraws
-from radioloc.study.study import EstimateChoice, Study
+from radioloc.study.study import Study
 from radioloc.time import epochs_from_strings
 from radioloc.vectors import Floats, Indices, Mask
 
@@ -160,8 +160,9 @@ class Prepared:
             problem = part.problem
             predictor = problem.predictor.with_values(value_m[part.rows])
             assert problem.choice is not None
-            estimate = self._with_drawn_priors(problem.choice, seed)
-            drawn = EstimationProblem.from_study(problem.study, predictor, estimate, problem.noise)
+            drawn = EstimationProblem.from_study(problem.study, predictor, problem.choice, problem.noise)
+            parameters = with_drawn_priors(drawn.model.parameters, x, self._drawn_sigmas(problem), seed)
+            drawn = replace(drawn, model=replace(drawn.model, parameters=parameters))
             solution = solve(drawn, {}, consistency=False)
             sigmas, total = solution.sigmas(), solution.fit.total
             for target in self.targets:
@@ -177,32 +178,16 @@ class Prepared:
                 )
         return rows
 
-    def _drawn_prior_sigmas(self, estimate: EstimateChoice) -> Floats | None:
-        """Return the standard deviations of a-priori positions that are drawn in each trial, those on a map."""
-        if not estimate.position_priors:
-            return None
-        sigmas = np.zeros((len(self.study.points), 3))
-        places = list(self.study.points)
-        for prior in estimate.position_priors:
-            of_position = prior.factors()[1]
-            sigmas[places.index(prior.target)] = np.where(np.isfinite(of_position), of_position, 0.0)
-        return sigmas.ravel()
-
-    def _with_drawn_priors(self, estimate: EstimateChoice, seed: int) -> EstimateChoice:
-        """Return the choice with a-priori positions on maps about the truth, with drawn errors."""
-        sigmas = self._drawn_prior_sigmas(estimate)
-        if sigmas is None:
-            return estimate
-        model = self.parts[0].problem.predictor.model
-        errors = dict(zip(self.study.points, drawn_prior_errors(sigmas, seed).reshape(-1, 3), strict=True))
-        truths = {target.target.name: target.truth for target in self.targets}
-        priors = []
-        for prior in estimate.position_priors:
-            truth = LunarPosition.from_cartesian(truths[prior.target].position_pa_m, model.libration.frame)
-            about_truth = replace(prior, mean=truth.to_axes("ME", model.ephemeris.constants))
-            offset_m = prior.factors()[0] @ errors[prior.target]
-            priors.append(replace(prior, mean=about_truth.mean_displaced(offset_m)))
-        return replace(estimate, position_priors=tuple(priors))
+    def _drawn_sigmas(self, problem: EstimationProblem) -> Floats:
+        """Return sigmas of the a-priori positions on maps, which each trial draws; zero for the other parameters."""
+        model, sigmas = problem.model, np.zeros(problem.reported_count)
+        assert problem.choice is not None
+        for prior in problem.choice.position_priors:
+            [k] = (k for k in model.place_indices if model.targets[k].name == prior.target)
+            begin = model.columns_of(k).stop - len(model.targets[k].parameters)
+            rows = slice(begin, begin + (3 if prior.has_height else 2))
+            sigmas[rows] = model.parameters.prior_sigmas[rows]
+        return sigmas
 
     def linear(self) -> LinearTrials | None:
         """Return the trials by the linear model; None where it does not replace a fit, as with process noise."""
@@ -275,5 +260,5 @@ class Prepared:
             order=problem.order,
             estimate=replace(estimate, height_prior=None),  # which is in the parameters; a map is large
             unadjusted_m=unadjusted_m,
-            drawn_prior_sigmas=self._drawn_prior_sigmas(estimate),
+            drawn_sigmas=self._drawn_sigmas(problem),
         )

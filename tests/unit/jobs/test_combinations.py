@@ -97,20 +97,26 @@ def compare(scene, names):
     assert compared.is_usable
 
 
-def images(scene, names):
-    place = several_targets.PLACE if names[0] == "descent" else several_targets.LANDER
+def on_map(names, name, **fields):
+    """Return the true place of a target as a position on a map."""
+    place = {"descent": several_targets.PLACE, "rover": several_targets.ROVER}.get(
+        name, several_targets.LANDER
+    )
     longitude_deg, latitude_deg, height_m = place.selenographic
-    on_map = PlaceOnMap(
+    fields = {"sigma_m": (5.0, 5.0), "map_sigma_m": (5.0, 5.0)} | fields
+    return PlaceOnMap(
         longitude_deg=longitude_deg,
         latitude_deg=latitude_deg,
         height_m=height_m,
-        sigma_m=(5.0, 5.0),
         map="map",
-        map_sigma_m=(5.0, 5.0),
-        target=names[0] if len(names) > 1 else None,
+        target=name if len(names) > 1 else None,
+        **fields,
     )
+
+
+def images(scene, names):
     study = scene.study(*names)
-    choice = replace(study.observations, map_positions=(on_map,), hours=0.3)
+    choice = replace(study.observations, map_positions=(on_map(names, names[0]),), hours=0.3)
     solution = radioloc.locate(replace(study, observations=choice), scene.observations)
     assert solution.converged, solution.message
     assert (
@@ -207,3 +213,15 @@ def test_each_orbit_has_process_noise_of_its_own(scene, names):
             np.testing.assert_allclose(state.sigma_rtn_m(times), separate.sigma_rtn_m(times), rtol=2e-3)
     if "descent" in names:
         assert joint.states["descent"].process is None
+
+
+@pytest.mark.study
+@pytest.mark.parametrize("names", [("lander", "rover"), ("descent",)])
+def test_trials_draw_positions_on_a_map_with_their_shared_error(scene, names):
+    study, accurate = simulated(scene, names), {"sigma_m": (1.0, 1.0), "sigma_up_m": 1.0}
+    places = tuple(on_map(names, name, map_sigma_m=(20.0, 20.0), **accurate) for name in names)
+    choice = replace(study.observations, map_positions=places, hours=0.3)
+    trials = radioloc.monte_carlo(replace(study, observations=choice), trials=60, hours=0.3, workers=1)
+    for target in (trials, *trials.others):
+        nees = target.to_dict()["arcs"][0]["nees"]
+        assert nees["low"] < nees["mean"] < nees["high"]

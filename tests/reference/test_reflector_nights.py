@@ -1,7 +1,10 @@
 """Sources of the errors that laser ranges of one night have in common, by cross-validation over nights.
 
 Random errors of each night, common to all reflectors, and of each range are estimated by restricted maximum
-likelihood. Models are compared by the prediction of nights that the fit omits.
+likelihood. Models are compared by the prediction of nights that the fit omits. The tables of
+examples/reflectors/README.md are printed by
+
+    PYTHONPATH=tests/support python tests/reference/test_reflector_nights.py
 """
 
 import erfa
@@ -146,3 +149,26 @@ def test_other_causes_than_the_orbit_do_not_predict_other_nights(newer):
         assert all(
             newer.predicted_rms_m((*base, cause)) > 0.98 * rms_m for cause in ("air", "annual", "earth")
         )
+
+
+@pytest.mark.slow
+def test_rms_of_all_residuals_with_orbit_terms_is_16_mm(newer):
+    residual_m = newer.fit(newer.rows, ("libration", "orbit"))[2]
+    assert len(newer.rows) > 0.93 * len(newer.residual_m)
+    assert np.sqrt(np.mean(residual_m**2)) == pytest.approx(0.0159, abs=3e-4)
+
+
+def print_tables():
+    libration, orbit = ("libration",), ("libration", "orbit")
+    extended = [(*base, cause) for base in (libration, orbit) for cause in ("air", "annual", "earth")]
+    print("ephemeris; range, night, residuals, predicted, mm; ranges; model")
+    for ephemeris in ("de421", "de440"):
+        nights = Nights(ephemeris)
+        for names in ((), libration, orbit, *extended):
+            noise_m, _, residual_m = nights.fit(nights.rows, names)
+            rms_m = (*noise_m, np.sqrt(np.mean(residual_m**2)), nights.predicted_rms_m(names))
+            print(ephemeris, *(f"{1e3 * value:6.1f}" for value in rms_m), len(nights.rows), ", ".join(names))
+
+
+if __name__ == "__main__":
+    print_tables()

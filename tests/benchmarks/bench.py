@@ -265,7 +265,7 @@ def images(folder: Path) -> Iterator[Row]:
         descent_frames.draw(drawn)
     _, taken_s, peak_mb, _ = run(drawn, "-m", "radioloc", "images", "study.toml", "--out", "out")
     yield Row("locate by 240 frames", taken_s, "s", 300.0)
-    yield Row("locate by 240 frames, memory", peak_mb, "MB", 2000.0)
+    yield Row("locate by 240 frames, memory", peak_mb, "MB", 1200.0)
     content = json.loads((drawn / "out" / "solution.json").read_text())
     yield Row("errors of the located lander", descent_frames.error_sigmas(content), "sigmas", 3.0)
 

@@ -91,11 +91,14 @@ def resampled(
     for row in range(shown.shape[0]):
         i, u = row // step, (row % step) / step
         next_row = min(i + 1, nodes.shape[0] - 1)
+        j, offset = 0, -1
         for column in range(shown.shape[1]):
+            offset += 1
+            if offset == step:
+                j, offset = j + 1, 0
             if not shown[row, column]:
                 continue
-            j, v = column // step, (column % step) / step
-            next_column = min(j + 1, nodes.shape[1] - 1)
+            v, next_column = offset / step, min(j + 1, nodes.shape[1] - 1)
             for k in range(2):
                 upper = (1.0 - v) * nodes[i, j, 1 - k] + v * nodes[i, next_column, 1 - k]
                 lower = (1.0 - v) * nodes[next_row, j, 1 - k] + v * nodes[next_row, next_column, 1 - k]

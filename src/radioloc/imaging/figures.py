@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator, Sequence
-from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,7 +9,7 @@ from numpy.typing import NDArray
 
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.imaging.base_map import BaseMap
-from radioloc.imaging.products import lay_over, pose_table, rectified_frame, track_deg
+from radioloc.imaging.products import in_plane, lay_over, pose_table, track_deg
 from radioloc.imaging.solution import ImageSolution, PointSolution
 from radioloc.imaging.stereo_points import StereoPoints
 from radioloc.report.figures import (
@@ -35,11 +32,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from radioloc.imaging.registration import RegisteredFrame
 
 _PANEL_COUNT = 3
 _MOSAIC_PIXELS = 700
-_MIN_NEW_PART = 0.15  # change of scale, or motion as a part of the image, of an image that is drawn
 _MIN_SIGMA_PART = 1e-2  # of a source of error that is drawn
 
 
@@ -70,13 +65,13 @@ def plot_images(solution: ImageSolution, ax: Axes | None = None) -> Figure:
     plane = solution.registration.plane
     longitude, latitude, _ = solution.position.selenographic
     lander = plane.from_longitude_latitude([[longitude, latitude]])[0]
-    corners = [_in_plane(frame, [[0, 0], [2, 0], [2, 2], [0, 2]]) for frame in frames]
+    corners = [in_plane(frame, [[0, 0], [2, 0], [2, 2], [0, 2]]) for frame in frames]
     widest, closest = (float(np.ptp(c, axis=0).max()) for c in (corners[0], corners[-1]))
     widths = np.geomspace(widest, 3.0 * closest, _PANEL_COUNT)
     title = f"{solution.name}: {len(frames)} images on {solution.map_name}"
     figure = several_panels(ax, 13.0, 4.9, title)
     panels = figure.subplots(1, _PANEL_COUNT)
-    centres = np.concatenate([_in_plane(frame, [[1, 1]]) for frame in frames])
+    centres = np.concatenate([in_plane(frame, [[1, 1]]) for frame in frames])
     track = plane.from_longitude_latitude(track_deg(pose_table(solution)))
     for k, (axes, width) in enumerate(zip(panels, widths, strict=True)):
         middle = 0.5 * (corners[0].min(axis=0) + corners[0].max(axis=0)) if k == 0 else lander
@@ -117,15 +112,6 @@ def plot_images(solution: ImageSolution, ax: Axes | None = None) -> Figure:
     return figure.figure
 
 
-def _in_plane(frame: RegisteredFrame, halves: Sequence[Sequence[int]]) -> Floats:
-    """Return places of an image in the plane, m, for pixels in halves of its size."""
-    from radioloc.imaging.homography import transformed
-
-    assert frame.homography is not None
-    to_plane = np.asarray(np.linalg.inv(frame.homography.matrix), dtype=np.float64)
-    return transformed(to_plane, np.array(halves, dtype=np.float64) * frame.centre)
-
-
 def _draw_residuals(axes: Axes, ties: Floats, residuals_m: Floats, length: float) -> None:
     """Draw residuals of tie points on the map as vectors, of which the rms has a length on the axes."""
     rms_m = float(np.sqrt((residuals_m**2).sum(axis=1).mean()))
@@ -133,17 +119,6 @@ def _draw_residuals(axes: Axes, ties: Floats, residuals_m: Floats, length: float
     label = f"their residuals, rms {rms_m:.2g} m"
     options: Any = {"color": COLORS[5], "width": 0.0025, "alpha": 0.8, "label": label}
     axes.quiver(*ties.T, *vectors.T, angles="xy", scale_units="xy", scale=1.0, **options)
-
-
-def _distinct_frames(frames: Sequence[RegisteredFrame]) -> Iterator[RegisteredFrame]:
-    """Yield frames that are closer than the previous one or show other ground, and the last."""
-    pixel_m, middle = math.inf, np.zeros(2)
-    for frame in frames:
-        [centre] = _in_plane(frame, [[1, 1]])
-        moved = float(np.abs(centre - middle).max()) > _MIN_NEW_PART * frame.pixel_m * frame.centre.max()
-        if frame.pixel_m < (1.0 - _MIN_NEW_PART) * pixel_m or moved or frame is frames[-1]:
-            pixel_m, middle = frame.pixel_m, centre
-            yield frame
 
 
 def _mosaic(solution: ImageSolution, west_m: float, north_m: float, width_m: float) -> NDArray[np.uint8]:
@@ -154,15 +129,13 @@ def _mosaic(solution: ImageSolution, west_m: float, north_m: float, width_m: flo
     plane, pixel_m = solution.registration.plane, width_m / _MOSAIC_PIXELS
     shape = (_MOSAIC_PIXELS, _MOSAIC_PIXELS)
     canvas, valid = solution.base.view(plane, west_m + 0.5 * pixel_m, north_m - 0.5 * pixel_m, pixel_m, shape)
-    canvas = np.where(valid, canvas, 255).astype(np.uint8)
     crs = rasterio.crs.CRS.from_string(
         f"+proj=ortho +lat_0={plane.latitude_deg!r} +lon_0={plane.longitude_deg!r} +R={MEAN_LUNAR_RADIUS_M!r}"
     )
     corner = rasterio.Affine(pixel_m, 0.0, west_m, 0.0, -pixel_m, north_m)
     grid = MapGrid.of_map(crs, corner, *shape, MEAN_LUNAR_RADIUS_M)
-    drawn = partial(rectified_frame, solution)
-    lay_over(canvas, solution, _distinct_frames(solution.registered), grid, drawn)
-    return canvas
+    lay_over(canvas, valid, solution, grid)
+    return np.where(valid, canvas, 255)
 
 
 @draws_names_literally

@@ -8,6 +8,7 @@ the reduced mosaic in which the seams were searched.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -21,6 +22,7 @@ from numpy.typing import NDArray
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.imaging.frames import load_opencv
 from radioloc.imaging.rectification import new_cog
+from radioloc.lunar.grey_images import Image, Mask
 from radioloc.lunar.map_files import open_dataset
 from radioloc.lunar.map_grid import MapGrid
 from radioloc.vectors import Floats
@@ -165,6 +167,22 @@ def _balance(parts: Sequence[_Reduced]) -> Floats:
     prior[::3, ::3] += weight / count
     system = normal.reshape(3 * count, -1) + prior
     return np.asarray(np.linalg.solve(system, right.ravel())).reshape(count, 3)
+
+
+def balanced(values: Image, canvas: Image, common: Mask) -> Image:
+    """Return an image with the brightness of a canvas, by a plane of the logarithm of their ratio in common cells."""
+    cells = np.flatnonzero(common & (values > 0) & (canvas > 0))
+    cells = cells[:: max(1, len(cells) // _MAX_PAIR_CELLS)]
+    places = [np.linspace(-1.0, 1.0, count) for count in values.shape]
+    rows, columns = np.unravel_index(cells, values.shape)
+    by_plane = np.stack([np.ones(len(cells)), places[0][rows], places[1][columns]])
+    normal = by_plane @ by_plane.T + np.diag([1.0, _SLOPE_WEIGHT, _SLOPE_WEIGHT])
+    log_ratio = np.log(canvas.flat[cells] / values.flat[cells])
+    mean, *slopes = np.linalg.solve(normal, by_plane @ log_ratio)
+    down, right = (
+        np.exp(slope * part).astype(np.float32) for slope, part in zip(slopes, places, strict=True)
+    )
+    return np.asarray(np.clip(np.rint(np.outer(math.exp(mean) * down, right) * values), 0, 255), np.uint8)
 
 
 def _seam_masks(parts: Sequence[_Reduced]) -> list[NDArray[np.uint8]]:

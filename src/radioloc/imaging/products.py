@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -12,6 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.imaging.frames import read_frame
+from radioloc.imaging.homography import transformed
+from radioloc.imaging.mosaic import balanced
 from radioloc.imaging.orientation import quaternions_from_matrices
 from radioloc.imaging.rectification import (
     grid_around,
@@ -37,10 +39,10 @@ FILES = ("poses.csv", "tie_points.csv", "images.gpkg", "mosaic.tif", "rectified/
 _MAX_SIDE_CELLS = 4096  # of a map: 17 million cells; finer images have their own map
 _MOSAIC_MARGIN = 0.05  # part of its size that shows the map only
 _MIN_DRAWN_CELLS = 2  # on each side of an image
+_MIN_NEW_PART = 0.15  # change of scale, or motion as a part of the image, of an image that is drawn
 _TOLERANCE_PX = 0.1  # of rectified images: a third of the residuals of tie points
 _RING_STEPS = 16  # points on each side of an outline
 _ADJUSTED, _LEVEL = "adjusted", "level ground"  # poses in the table
-Drawn = Callable[[RegisteredFrame, MapGrid], tuple[NDArray[Any], Mask]]
 _CSV_DECIMALS = {"longitude_deg": 8, "latitude_deg": 8} | dict.fromkeys(TIE_COLUMNS, 3)
 
 
@@ -70,12 +72,11 @@ def product_files(solution: MappedImages) -> dict[str, Content]:
         "tie_points.csv": Table(solution.registration.tie_points(), _CSV_DECIMALS),
         "images.gpkg": lambda path: write_geopackage(path, _layers(solution, poses)),
     }
-    maps = {}
     for number, frame in enumerate(solution.registration.frames, 1):
         if frame.is_registered:
-            maps[frame.name] = name = f"rectified/{number:03d}_{Path(frame.name).stem}.tif"
+            name = f"rectified/{number:03d}_{Path(frame.name).stem}.tif"
             files[name] = partial(_write_rectified, solution, frame)
-    return {**files, "mosaic.tif": partial(_write_mosaic, solution, maps)}
+    return {**files, "mosaic.tif": partial(_write_mosaic, solution)}
 
 
 def pose_table(solution: MappedImages) -> dict[str, Any]:
@@ -130,25 +131,48 @@ def track_deg(poses: Mapping[str, Any]) -> Floats:
     return places[adjusted] if adjusted.any() else places
 
 
-def lay_over(
-    canvas: Image, solution: MappedImages, frames: Iterable[RegisteredFrame], grid: MapGrid, drawn: Drawn
-) -> Mask:
-    """Draw images over a canvas in the cells of a grid, the finest on top, and return the mask of their cells."""
+def lay_over(canvas: Image, valid: Mask, solution: MappedImages, grid: MapGrid) -> None:
+    """Draw images over a map in the cells of a grid, the finest on top, with the brightness of the map.
+
+    Images coarser than the map lie below it: they show the ground beyond its edges. `valid` selects the cells of the
+    map, at the end also those of images.
+    """
     covered = np.zeros(canvas.shape, bool)
-    for frame in sorted(frames, key=lambda frame: frame.pixel_m):
+    for frame in sorted(_distinct_frames(solution.registered), key=lambda frame: frame.pixel_m):
+        if frame.pixel_m > solution.base.resolution_m:
+            covered |= valid
         cells = np.column_stack(grid.cells(*outline(solution.registration.view(frame.name)).T))
         first = np.clip(np.floor(cells.min(axis=0)), 0, canvas.shape).astype(int)
         last = np.clip(np.ceil(cells.max(axis=0)) + 1, first, canvas.shape).astype(int)
         part = slice(first[0], last[0]), slice(first[1], last[1])
         if (last - first).min() >= _MIN_DRAWN_CELLS and not covered[part].all():
-            values, shown = drawn(frame, part_of(grid, *part))
+            values, shown = _rectified_frame(solution, frame, part_of(grid, *part))
+            values = balanced(values, canvas[part], shown & valid[part])
             uncovered = shown & ~covered[part]
             canvas[part][uncovered] = values[uncovered]
             covered[part] |= shown
-    return covered
+            valid[part] |= shown
 
 
-def rectified_frame(
+def _distinct_frames(frames: Sequence[RegisteredFrame]) -> Iterator[RegisteredFrame]:
+    """Yield frames that are closer than the previous one or show other ground, and the last."""
+    pixel_m, middle = math.inf, np.zeros(2)
+    for frame in frames:
+        [centre] = in_plane(frame, [[1, 1]])
+        moved = float(np.abs(centre - middle).max()) > _MIN_NEW_PART * frame.pixel_m * frame.centre.max()
+        if frame.pixel_m < (1.0 - _MIN_NEW_PART) * pixel_m or moved or frame is frames[-1]:
+            pixel_m, middle = frame.pixel_m, centre
+            yield frame
+
+
+def in_plane(frame: RegisteredFrame, halves: Sequence[Sequence[int]]) -> Floats:
+    """Return places of an image in the plane, m, for pixels in halves of its size."""
+    assert frame.homography is not None
+    to_plane = np.asarray(np.linalg.inv(frame.homography.matrix), dtype=np.float64)
+    return transformed(to_plane, np.array(halves, dtype=np.float64) * frame.centre)
+
+
+def _rectified_frame(
     solution: MappedImages, frame: RegisteredFrame, grid: MapGrid
 ) -> tuple[NDArray[Any], Mask]:
     """Return an image in the cells of a grid, and the mask of cells that it shows."""
@@ -156,24 +180,21 @@ def rectified_frame(
     return rectified(image, view, grid, solution.mask, _TOLERANCE_PX)
 
 
-def _write_mosaic(solution: MappedImages, files: Mapping[str, str], path: Path) -> None:
-    """Write the rectified images, which are in files by the names of the images, over the base map."""
+def _write_mosaic(solution: MappedImages, path: Path) -> None:
+    """Write the images over the base map."""
     registration, frames = solution.registration, solution.registered
     angles = np.concatenate([outline(registration.view(frame.name)) for frame in frames])
     finest_m = min(frame.pixel_m for frame in frames)
     grid = _limited(lambda cell_m: map_grid(_projection(solution), angles, cell_m, _MOSAIC_MARGIN), finest_m)
     canvas, valid = solution.base.on_grid(grid)
-    folder = path.parent
-    covered = lay_over(
-        canvas, solution, frames, grid, lambda frame, part: Map.open(folder / files[frame.name]).on_grid(part)
-    )
-    _write_map(path, grid, canvas, valid | covered)
+    lay_over(canvas, valid, solution, grid)
+    _write_map(path, grid, canvas, valid)
 
 
 def _write_rectified(solution: MappedImages, frame: RegisteredFrame, path: Path) -> None:
     view = solution.registration.view(frame.name)
     grid = _limited(lambda cell_m: grid_around([view], _projection(solution), cell_m), frame.pixel_m)
-    _write_map(path, grid, *rectified_frame(solution, frame, grid))
+    _write_map(path, grid, *_rectified_frame(solution, frame, grid))
 
 
 def _write_map(path: Path, grid: MapGrid, values: NDArray[Any], shown: Mask) -> None:

@@ -6,6 +6,7 @@ Cells outside the image, hidden by other ground, or without height are masked.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
@@ -25,7 +26,7 @@ from radioloc.imaging.sensor_models import SensorModel, require_mean_earth
 from radioloc.imaging.surfaces import Terrain
 from radioloc.lunar import TerrainModel, cartesian_to_selenographic, selenographic_to_cartesian
 from radioloc.lunar.grey_images import Mask
-from radioloc.lunar.map_files import new_geotiff
+from radioloc.lunar.map_files import BLOCK_CELLS, new_geotiff
 from radioloc.lunar.map_grid import MapGrid, load_rasterio
 from radioloc.lunar.maps import TangentPlane
 from radioloc.lunar.terrain import LargeWindowError, NoTerrainError
@@ -318,12 +319,10 @@ def new_cog(path: str | Path, grid: MapGrid, dtype: Any) -> Iterator[Any]:
             parts, grid.crs, grid.transform, (grid.rows, grid.columns), dtype, compress=None
         ) as file:
             yield file
+            # The driver would compress overviews of its own twice.
+            count = math.ceil(math.log2(max(file.shape) / BLOCK_CELLS))
+            file.build_overviews([2**k for k in range(1, count + 1)], rasterio.enums.Resampling.average)
         predictor = "FLOATING_POINT" if np.issubdtype(dtype, np.floating) else "STANDARD"
-        options = {
-            "compress": "DEFLATE",
-            "level": 1,
-            "predictor": predictor,
-            "overview_resampling": "AVERAGE",
-        }
+        options = {"compress": "DEFLATE", "level": 1, "predictor": predictor}
         with replaced_file(path) as temporary:
             copy(parts, temporary, driver="COG", num_threads="ALL_CPUS", **options)

@@ -24,7 +24,7 @@ from radioloc.text_files import require_file
 
 # maps have used spheres from 1735.97 (polar) to 1738.14 km (equatorial)
 LUNAR_SPHERES_M = (1.735e6, 1.739e6)
-_BLOCK_CELLS = 512
+BLOCK_CELLS = 512
 _DIGEST_LIMIT_BYTES = 256 * 1024 * 1024
 _LABEL_BYTES = 262144
 _END_BYTES = 1024  # A PNG file ends with the chunk IEND, of 12 bytes; editors append little
@@ -146,7 +146,7 @@ def new_geotiff(
     """Open a GeoTIFF to be written by parts, in blocks of 512 cells."""
     profile = {
         "crs": crs, "transform": transform, "height": shape[0], "width": shape[1], "count": bands, "dtype": dtype,
-        "nodata": nodata, "tiled": True, "blockxsize": _BLOCK_CELLS, "blockysize": _BLOCK_CELLS,
+        "nodata": nodata, "tiled": True, "blockxsize": BLOCK_CELLS, "blockysize": BLOCK_CELLS,
     }  # fmt: skip
     predictor = 3 if np.issubdtype(dtype, np.floating) else 2
     return load_rasterio().open(path, "w", driver="GTiff", compress=compress, predictor=predictor, **profile)

@@ -5,7 +5,9 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Collection, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from contextvars import copy_context
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -40,6 +42,7 @@ if TYPE_CHECKING:
 
 INCOMPLETE = "INCOMPLETE"
 """File that marks a folder with files of different results, as writing was interrupted."""
+_WRITER_COUNT = 2  # files written at a time: maps of images take 150 MB each
 
 
 def write_report(
@@ -98,9 +101,10 @@ def write_report(
     folder = made_folder(folder)
     with _sole_writer(folder):
         written = [folder / name for name in contents]
-        for path, content in zip(written, contents.values(), strict=True):
-            with step(f"writing {path.name}"):
-                write_content(path, content)
+        contexts = [copy_context() for _ in written]
+        with step(f"writing {len(written)} files"), ThreadPoolExecutor(_WRITER_COUNT) as pool:
+            runs = (context.run for context in contexts)
+            list(pool.map(lambda run, *file: run(write_content, *file), runs, written, contents.values()))
         for figure_type in available_figures(result):
             if (figure := extra_figures.get(figure_type.name)) is not None:
                 written += write_figure(figure, folder, figure_type.stem)

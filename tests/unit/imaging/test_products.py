@@ -11,11 +11,14 @@ import rasterio.warp
 from image_descents import PIXEL_M, SITE, Descent, scene
 from terrain_maps import LONGLAT
 
+from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.imaging.image_chain import Frame
+from radioloc.imaging.mosaic import balanced
 from radioloc.imaging.products import FILES, pose_table, product_files
 from radioloc.imaging.registration import register_chain
 from radioloc.imaging.solution import ImageSolution
 from radioloc.lunar import LunarPosition, Map, TangentPlane
+from radioloc.lunar.map_grid import MapGrid
 from radioloc.report.files import write_content
 
 pytestmark = pytest.mark.study
@@ -85,6 +88,28 @@ def test_ground_is_at_its_place_in_the_maps(folder, name):
     shift, response = cv2.phaseCorrelate(truth.astype(np.float32), values.astype(np.float32), window)
     assert response > 0.3
     assert np.abs(shift).max() < 0.3  # cells
+
+
+def test_mosaic_has_the_brightness_of_the_map_and_coarser_images_below_it(solution, folder):
+    with rasterio.open(folder / "mosaic.tif") as file:
+        mosaic, shown = file.read(1), file.dataset_mask() > 0
+        cells = MapGrid.of_map(file.crs, file.transform, *file.shape, MEAN_LUNAR_RADIUS_M)
+    values, on_map = solution.base.on_grid(cells)
+    assert shown[on_map].all()
+    assert 0.02 < np.mean(mosaic[on_map] != values[on_map]) < 0.3  # by images of less than 4 m a pixel
+    coarse = cv2.blur(np.float32([mosaic, values]).transpose(1, 2, 0), (25, 25))[on_map]
+    assert np.percentile(np.abs(np.diff(coarse)), 99.0) < 8.0
+
+
+def test_balanced_image_has_the_brightness_of_the_canvas():
+    rng = np.random.default_rng(1)
+    canvas = rng.integers(40, 100, (80, 120)).astype(np.uint8)
+    slope = np.exp(np.add.outer(np.linspace(-0.3, 0.3, 80), np.linspace(0.5, 0.0, 120)))
+    values = np.rint(canvas * slope).astype(np.uint8)
+    common = np.arange(120) < np.full((80, 1), 60)
+    result = balanced(values, canvas, common)
+    assert np.abs(result.astype(int) - canvas).max() <= 4  # ten cells hold slopes to zero
+    assert (balanced(values, canvas, np.zeros_like(common)) == values).all()
 
 
 def test_layers_and_tables_hold_tie_points_outlines_and_the_ellipse(solution, folder):

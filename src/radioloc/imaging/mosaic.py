@@ -171,18 +171,19 @@ def _balance(parts: Sequence[_Reduced]) -> Floats:
 
 def balanced(values: Image, canvas: Image, common: Mask) -> Image:
     """Return an image with the brightness of a canvas, by a plane of the logarithm of their ratio in common cells."""
-    cells = np.flatnonzero(common & (values > 0) & (canvas > 0))
-    cells = cells[:: max(1, len(cells) // _MAX_PAIR_CELLS)]
+    step = max(1, int(math.sqrt(values.size / _MAX_PAIR_CELLS)))
     places = [np.linspace(-1.0, 1.0, count) for count in values.shape]
-    rows, columns = np.unravel_index(cells, values.shape)
-    by_plane = np.stack([np.ones(len(cells)), places[0][rows], places[1][columns]])
+    lattice, ground = values[::step, ::step], canvas[::step, ::step]
+    rows, columns = np.nonzero(common[::step, ::step] & (lattice > 0) & (ground > 0))
+    by_plane = np.stack([np.ones(len(rows)), places[0][::step][rows], places[1][::step][columns]])
     normal = by_plane @ by_plane.T + np.diag([1.0, _SLOPE_WEIGHT, _SLOPE_WEIGHT])
-    log_ratio = np.log(canvas.flat[cells] / values.flat[cells])
+    log_ratio = np.log(ground[rows, columns] / lattice[rows, columns])
     mean, *slopes = np.linalg.solve(normal, by_plane @ log_ratio)
-    down, right = (
-        np.exp(slope * part).astype(np.float32) for slope, part in zip(slopes, places, strict=True)
-    )
-    return np.asarray(np.clip(np.rint(np.outer(math.exp(mean) * down, right) * values), 0, 255), np.uint8)
+    factors = (np.exp(slope * part).astype(np.float32) for slope, part in zip(slopes, places, strict=True))
+    result = np.outer(*factors)
+    result *= math.exp(mean)
+    result *= values
+    return np.asarray(np.clip(np.rint(result, out=result), 0, 255, out=result), np.uint8)
 
 
 def _seam_masks(parts: Sequence[_Reduced]) -> list[NDArray[np.uint8]]:

@@ -495,7 +495,7 @@ def test_two_targets(model):
     delays = [prepare_predictor(model, delay, FixedPoint(place_m), "exact") for place_m in positions_m]
     places = [cartesian(p, name=name) for p, name in zip(positions_m, "xy", strict=True)]
     positions = with_position_priors(places, [None, None], constants)
-    targets = [SurfacePoint("xy"[k], *one, preceding=3 * k) for k, one in enumerate(positions)]
+    targets = [SurfacePoint("xy"[k], *one) for k, one in enumerate(positions)]
     problem = ObservationModel.from_targets(arc, targets, [])
     partials = problem.residuals(problem.parameters.prior_values)[1]
     for target, sign in ((0, 1.0), (1, -1.0)):

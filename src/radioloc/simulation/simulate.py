@@ -252,13 +252,14 @@ class Scenario:
             enu_pa = rot_pa_to_enu(position_pa_m, rot_pa_to_me(model.ephemeris.constants))
             return TrueTarget(name, position_pa_m, enu_pa, position_name=position_name)
         if isinstance(record, SpacecraftTrajectory):
-            return TrueTarget(name, np.zeros(3), np.eye(3), record)
+            return TrueTarget(name, np.zeros(3), np.eye(3), record, position_name=position_name)
         if isinstance(record, TargetDescription):
             return TrueTarget.described(name, record, model, len(self.targets) > 1)
         orbit = self.orbit(model, record)
         random = generator(self.seed, GRAVITY_ERROR)
         disturbed = record.with_gravity_errors(orbit, self.truth_sigma.gravity_errors, random)
-        return TrueTarget(name, np.zeros(3), np.eye(3), orbit.nearest(), disturbed)
+        trajectory = orbit.nearest()
+        return TrueTarget(name, np.zeros(3), np.eye(3), trajectory, disturbed, position_name=position_name)
 
     def orbit(
         self, model: PhysicalModel, target: StateAndForces, parameters: tuple[str, ...] = ()

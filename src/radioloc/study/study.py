@@ -435,12 +435,6 @@ class Study:
                     "the a-priori position of the geographic parameters"
                 )
             priors = position_priors(places, self.landers)
-            for prior in priors:
-                if prior.target in self.orbiters and prior.cross_enu_m2:
-                    raise InputError(
-                        f"target: expected {prior.target} on a map of its own, got one that it shares with "
-                        f"{', '.join(prior.cross_enu_m2)}; a descent has no parameters in common with other targets"
-                    )
             if isinstance(height, TerrainPrior) and any(prior.has_height for prior in priors):
                 raise InputError(
                     "the position on the map has a height with a sigma, and [estimate] height_prior is a terrain "

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -17,10 +17,10 @@ from radioloc.parameters.parameter import Parameter, Role
 from radioloc.targets.doubts import FittedObservations, cut_off_doubts, height_doubts
 from radioloc.targets.orbit import GravityErrors, OnOrbit
 from radioloc.targets.orbit_state import OrbitState
-from radioloc.targets.surface_point import PositionFunction, PositionParameters
-from radioloc.targets.target import AtPlace
+from radioloc.targets.surface_point import PositionFunction
+from radioloc.targets.target import AtPlace, solve_parameters
 from radioloc.time import Epochs
-from radioloc.vectors import Floats
+from radioloc.vectors import Floats, Indices
 
 _BEFORE_S = 1.0  # end of the states before the touchdown, where the orbit still has a plane
 
@@ -55,7 +55,7 @@ class Descent(AtPlace, OnOrbit):
 
     name: str
     parameters: list[Parameter]  #: three of the place, three of the velocity, those of the forces
-    place: PositionFunction  #: of the first three
+    place: PositionFunction  #: of the parameters `place_columns`
     orbit: AdjustableOrbit  #: a priori
     ground: Ground
     axes: Floats  #: east, north and up at the a-priori place in the ICRF, as columns
@@ -63,7 +63,8 @@ class Descent(AtPlace, OnOrbit):
     body: int  #: NAIF code of the spacecraft in kernels
     epoch: Epochs  #: TDB, of the state that is reported, before the touchdown
     process_noise: None = None  #: its axes vanish with the velocity at the touchdown
-    preceding: int = 0
+    place_columns: Indices = field(default_factory=lambda: np.arange(3))  #: its own are the last three
+    preceding: int = 0  #: those of other targets, whose places share errors of a map with its own
 
     def doubts(self, x: Floats, fitted: FittedObservations) -> Iterator[Doubt]:
         """Doubt a descent as an orbit, or one that ends off the Moon's surface."""
@@ -96,37 +97,38 @@ class Descent(AtPlace, OnOrbit):
 
     def changes(self, x: Floats) -> tuple[Floats, Floats]:
         """Return changes of the orbit's parameters, shape (q,), and their partials, shape (q, p)."""
-        place_pa_m, by_x = self.place(x[:3])
-        state = self.ground.at_rest(place_pa_m)
-        state[3:] += self.axes @ x[3:6]
+        place_pa_m, by_x = self.position(x)
+        state, velocity = self.ground.at_rest(place_pa_m), slice(self.preceding + 3, self.preceding + 6)
+        state[3:] += self.axes @ x[velocity]
         apriori = np.array(list(self.orbit.values.values()))
-        partials = np.eye(len(x))
-        partials[:6, :3] = self.ground.by_place @ by_x
-        partials[3:6, 3:6] = self.axes
-        return np.concatenate([state, x[6:]]) - apriori, partials
+        partials = np.eye(len(apriori), len(x), self.preceding)
+        partials[:6] = self.ground.by_place @ by_x
+        partials[3:6, velocity] = self.axes
+        return np.concatenate([state, x[velocity.stop :]]) - apriori, partials
 
     def position(self, x: Floats) -> tuple[Floats, Floats]:
         """Return the place in principal axes, m, and its partials with respect to all parameters, shape (3, p)."""
-        place_pa_m, by_x = self.place(x[:3])
-        return place_pa_m, np.pad(by_x, ((0, 0), (0, len(x) - 3)))
+        place_pa_m, by_place = self.place(x[self.place_columns])
+        by_x = np.zeros((3, len(x)))
+        by_x[:, self.place_columns] = by_place
+        return place_pa_m, by_x
 
     def solved(self, target_values: Floats, x: Floats) -> Floats:
-        """Return the parameters for target values of the orbit's parameters, the state at the touchdown first."""
-        return np.concatenate([self.touchdown_of(target_values[:6]), target_values[6:]])
+        """Return x with its own parameters for target values of the orbit's parameters."""
+        place_pa_m, end = self.ground.place_pa_m(target_values[:6]), self.preceding + 3
 
-    def touchdown_of(self, state: Floats) -> Floats:
-        """Return the parameters of place and velocity, shape (6,), of a state at the touchdown."""
-        place_pa_m = self.ground.place_pa_m(state)
-        x = np.zeros(3)
-        for _ in range(10):
-            at_pa_m, by_x = self.place(x)
-            x = x + np.linalg.solve(by_x, place_pa_m - at_pa_m)
-        return np.concatenate([x, (state[3:] - self.ground.at_rest(place_pa_m)[3:]) @ self.axes])
+        def place(place_x: Floats) -> tuple[Floats, Floats]:
+            position_pa_m, by_x = self.position(np.concatenate([x[: end - 3], place_x, x[end:]]))
+            return position_pa_m, by_x[:, end - 3 : end]
+
+        place_x = solve_parameters(place, place_pa_m, x[end - 3 : end])
+        velocity = (target_values[3:6] - self.ground.at_rest(place_pa_m)[3:]) @ self.axes
+        return np.concatenate([x[: end - 3], place_x, velocity, target_values[6:]])
 
     def held(self) -> Descent:
         """Return the target with all parameters held at those of its orbit."""
         apriori = np.array(list(self.orbit.values.values()))
-        values = self.solved(apriori, apriori).tolist()
+        values = self.solved(apriori, np.array([item.prior_value for item in self.parameters])).tolist()
         fixed = [
             replace(item, prior_value=value, role=Role.FIXED)
             for item, value in zip(self.parameters, values, strict=True)
@@ -135,12 +137,10 @@ class Descent(AtPlace, OnOrbit):
 
 
 def touchdown_parameters(
-    ground: Ground, place: PositionParameters, forces: list[Parameter], velocity_sigma_m_s: float
+    ground: Ground, place_pa_m: Floats, forces: list[Parameter], velocity_sigma_m_s: float
 ) -> tuple[list[Parameter], Floats]:
-    """Return the parameters of a touchdown and of forces, and the axes of its velocity, which is 0 a priori."""
-    of_place, position = place
-    x = np.array([item.prior_value for item in of_place])
-    longitude_rad, latitude_rad, _ = cartesian_to_selenographic(position(x)[0])
+    """Return the parameters of the velocity at a touchdown, 0 a priori, and of forces, and the velocity's axes."""
+    longitude_rad, latitude_rad, _ = cartesian_to_selenographic(place_pa_m)
     velocity = [
         Parameter(
             f"touchdown_velocity.{axis}", "m/s", "touchdown_velocity", 0.0, velocity_sigma_m_s, scale=0.1
@@ -148,4 +148,4 @@ def touchdown_parameters(
         for axis in ("east", "north", "up")
     ]
     axes = ground.rot_pa_to_icrf @ east_north_up(float(longitude_rad), float(latitude_rad)).T
-    return [*of_place, *velocity, *forces], axes
+    return [*velocity, *forces], axes

@@ -21,6 +21,7 @@ from radioloc.errors import InputError
 from radioloc.lunar import rot_pa_to_me
 from radioloc.lunar.local import axes_at, displaced
 from radioloc.lunar.position import LunarPosition
+from radioloc.parameters.parameter import Parameter
 from radioloc.targets.surface_point import PositionFunction, PositionParameters
 from radioloc.vectors import Floats
 
@@ -90,10 +91,12 @@ def with_position_priors(
     positions: Sequence[PositionParameters],
     priors: Sequence[PositionPrior | None],
     constants: EphemerisConstants,
-) -> list[PositionParameters]:
-    """Return the parameters of each target's position with its a-priori covariance, if it has a prior."""
-    # The three parameters with a prior are east and north along the 1737.4 km sphere and a height, about the a-priori
-    # position. The position of a target depends on its own three parameters and those of the targets before it.
+) -> list[tuple[list[Parameter], PositionFunction, int]]:
+    """Return the parameters of each target's position with its a-priori covariance, if it has a prior.
+
+    They are east and north along the 1737.4 km sphere and a height, about the a-priori position. The position is a
+    function of these three and, before them, a number of parameters of the preceding positions, which is returned, too.
+    """
     covariance_m2 = np.zeros((3 * len(priors),) * 2)
     for k, prior in enumerate(priors):
         rows = slice(3 * k, 3 * k + 3)
@@ -112,22 +115,23 @@ def with_position_priors(
         for name in names
     }
     values = np.array([item.prior_value for parameters, _ in positions for item in parameters])
-    placed = list[PositionParameters]()
+    placed = list[tuple[list[Parameter], PositionFunction, int]]()
     for k, ((parameters, function), prior) in enumerate(zip(positions, priors, strict=True)):
-        if prior is None and k == 0:
-            placed.append((parameters, function))
+        if prior is None:
+            placed.append((parameters, function, 0))
             continue
         first, end = 3 * k, 3 * k + 3
         changed = [
             replace(
                 item,
                 prior_sigma=sigmas[j] if np.isfinite(sigmas[j]) else item.prior_sigma,
-                prior_errors={name: float(error[j]) for name, error in errors.items() if prior is not None},
+                prior_errors={name: float(error[j]) for name, error in errors.items()},
             )
             for j, item in enumerate(parameters, first)
         ]
-        turned = _to_parameters(prior, constants) @ lower[first:end, :end]
-        placed.append((changed, partial(_displaced, function, turned, values[:end])))
+        begin = int(lower[first:end].any(axis=0).argmax()) // 3 * 3
+        turned = _to_parameters(prior, constants) @ lower[first:end, begin:end]
+        placed.append((changed, partial(_displaced, function, turned, values[begin:end]), first - begin))
     return placed
 
 
@@ -139,10 +143,8 @@ def _displaced(
     return place_m, partials @ turned
 
 
-def _to_parameters(prior: PositionPrior | None, constants: EphemerisConstants) -> Floats:
+def _to_parameters(prior: PositionPrior, constants: EphemerisConstants) -> Floats:
     """Rotate displacements on the ground in mean-Earth axes to those on the sphere in principal axes, (3, 3)."""
-    if prior is None:
-        return np.eye(3)
     place_me_m = prior.mean.to_axes("ME", constants).xyz_m
     rot = rot_pa_to_me(constants)
     rotation = axes_at(rot.T @ place_me_m) @ rot.T @ axes_at(place_me_m).T

@@ -160,11 +160,11 @@ def test_a_priori_positions_of_two_targets_on_one_map_have_their_covariance():
     assert priors[0].cross_enu_m2["b"][:2, :2] == pytest.approx(tie_m2[:2, :2], rel=1e-6)
     starts = [prior.mean.to_axes("PA", constants).xyz_m for prior in priors]
     placed = with_position_priors([on_sphere(start, None) for start in starts], priors, constants)
-    parameters = [item for items, _ in placed for item in items]
+    parameters = [item for items, *_ in placed for item in items]
     values = np.array([item.prior_value for item in parameters])
     assert placed[1][1](values)[0] == pytest.approx(starts[1], abs=1e-6)
     partials = np.zeros((2, 3, 6))
-    for k, (_, function) in enumerate(placed):
+    for k, (_, function, _) in enumerate(placed):
         rotation = axes_at(priors[k].mean.xyz_m) @ radioloc.lunar.rot_pa_to_me(constants)
         partials[k, :, : 3 * k + 3] = rotation @ function(values[: 3 * k + 3])[1]
     partials = partials.reshape(6, 6)

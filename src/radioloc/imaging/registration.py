@@ -419,7 +419,10 @@ def adjusted_registration(
         relief=relief,
         _ties=ties,
         _adjusted=result,
-        _images={chain.images[number].name: (k, chain.images[number]) for k, number in enumerate(numbers)},
+        _images={
+            chain.images[number].name: (k, replace(chain.images[number], features=None))
+            for k, number in enumerate(numbers)
+        },
     )
     # Images that are not declared as oblique look down, where heights hardly displace the place of the lander.
     oblique = any(chain.images[number].turned is not None for number in numbers)

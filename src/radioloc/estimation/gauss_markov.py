@@ -108,6 +108,7 @@ class SeriesNoise:
     tau_s: Floats  # (taus,), s
     coloured: Floats  # (taus,), variances c of processes of these correlation times; their sum is the whole
     is_significant: bool = True  # whether white noise alone is excluded at the significance level
+    log_variance: float = 0.0  # variance of the logarithm of the variance that the noise gives to parameters
 
     @property
     def variance(self) -> float:
@@ -321,8 +322,12 @@ class RestrictedLikelihood:
 
     def evaluate(
         self, tau_s: Floats, ratio: Floats, part: Floats | None = None
-    ) -> tuple[Floats, Floats, Floats]:
-        """Log likelihoods of each and variances w, (s, cells), and log likelihoods of all together, (cells,)."""
+    ) -> tuple[Floats, Floats, Floats, Floats]:
+        """Log likelihoods of each, variances w, log likelihoods of all together, and logarithms of variances.
+
+        They have the shape (s, cells), that of all together (cells,). The last are those that the noise gives to the
+        parameters of a series, in the mean, but for a constant.
+        """
         # Cells are shapes by ratios: processes of one correlation time, or of several (k, p) with parts of the
         # variance. White noise is a last cell.
         if part is None:
@@ -334,13 +339,15 @@ class RestrictedLikelihood:
         filtered = [self._products(items, tau_s, part, ratio) for items in stacks]
         log_determinant, products = map(np.concatenate, zip(*filtered, strict=True))
         count = self.points.count[self.indices][:, None]
-        dof = count - np.array([item.absorbed for item in self.data])[:, None]
+        absorbed = np.array([item.absorbed for item in self.data])[:, None]
+        dof = count - absorbed
         series_log_determinant, squares = _eliminated(products)
         white = squares / dof
         log = -0.5 * (dof * np.log(white) + log_determinant + series_log_determinant)
         log = log[:, :-1] - log[:, -1:]
+        log_variance = (np.log(white) - series_log_determinant / np.maximum(absorbed, 1.0))[:, :-1]
         if not self.jointly:
-            return log, white[:, :-1], log.sum(axis=0)
+            return log, white[:, :-1], log.sum(axis=0), log_variance
         in_common = np.zeros(1)
         for item, series_products, variance in zip(self.data, products, white, strict=True):
             turned = np.pad(item.turned, ((0, 1), (0, 1)))  # residuals stay
@@ -348,7 +355,7 @@ class RestrictedLikelihood:
             in_common = in_common + turned.T @ series_products @ turned / variance[:, None, None]
         shared, squares = _eliminated(in_common)
         joint = -0.5 * ((count * np.log(white) + log_determinant).sum(axis=0) + shared + squares)
-        return log, white[:, :-1], joint[:-1] - joint[-1]
+        return log, white[:, :-1], joint[:-1] - joint[-1], log_variance
 
     def _products(
         self, items: Sequence[_SeriesColumns], tau_s: Floats, part: Floats, ratio: Floats
@@ -443,19 +450,20 @@ def _adopted_noise(
     for kind, noises in noises_of_kind.items():
         tau_s, place = np.unique(np.concatenate([noise.tau_s for noise in noises]), return_inverse=True)
         coloured = np.bincount(place, np.concatenate([noise.coloured for noise in noises])) / len(noises)
-        means[kind] = SeriesNoise(float(np.mean([noise.white for noise in noises])), tau_s, coloured)
+        white, variance = np.mean([(item.white, item.log_variance) for item in noises], axis=0).tolist()
+        means[kind] = SeriesNoise(white, tau_s, coloured, log_variance=variance)
     kind_of = {
         k: noise.kind for k, noise in enumerate(points.series) if k not in estimates and noise.kind in means
     }
-    white = set[int]()
+    white_indices = set[int]()
     for likelihood in likelihoods:
         is_short = np.array([k in kind_of for k in likelihood.indices.tolist()])
         if is_short.any():
             short_series = likelihood.select(is_short)
             mean = means[kind_of[int(short_series.indices[0])]]
-            log, _, _ = short_series.evaluate(np.array([mean.correlation_time_s]), np.array([mean.ratio]))
-            white |= set(short_series.indices[log[:, 0] <= -_LOG_BAYES_FACTOR_WHITE].tolist())
-    return {k: means[kind] for k, kind in kind_of.items() if k not in white}
+            log, *_ = short_series.evaluate(np.array([mean.correlation_time_s]), np.array([mean.ratio]))
+            white_indices |= set(short_series.indices[log[:, 0] <= -_LOG_BAYES_FACTOR_WHITE].tolist())
+    return {k: means[kind] for k, kind in kind_of.items() if k not in white_indices}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -467,7 +475,13 @@ class _Cells:
     shares: Floats  # (m, taus), parts of c
 
     def mean_noise(
-        self, likelihood: RestrictedLikelihood, joint: Floats, white: Floats, *, is_significant: bool
+        self,
+        likelihood: RestrictedLikelihood,
+        joint: Floats,
+        white: Floats,
+        log_variance: Floats,
+        *,
+        is_significant: bool,
     ) -> dict[int, SeriesNoise]:
         """Noise of each series, the mean over the models by their logarithmic likelihoods (m,)."""
         # A process far beyond the variance of the residuals must have been absorbed by the parameters (Gelman 2006).
@@ -478,10 +492,12 @@ class _Cells:
         if is_significant:
             weight *= np.sqrt(self.ratio)
         weight /= weight.sum(axis=1, keepdims=True)
-        values = (weight * white).sum(axis=1).tolist(), (weight * coloured) @ self.shares
+        mean = (weight * log_variance).sum(axis=1, keepdims=True)
+        variances = (weight * (log_variance - mean) ** 2).sum(axis=1).tolist()
+        values = (weight * white).sum(axis=1).tolist(), (weight * coloured) @ self.shares, variances
         return {
-            k: SeriesNoise(w, self.tau_s, c, is_significant)
-            for k, w, c in zip(indices.tolist(), *values, strict=True)
+            k: SeriesNoise(w, self.tau_s, c, is_significant, variance)
+            for k, w, c, variance in zip(indices.tolist(), *values, strict=True)
         }
 
 
@@ -505,13 +521,13 @@ def _averaged(likelihood: RestrictedLikelihood) -> dict[int, SeriesNoise]:
         return {}
     tau_s = _trial_taus_s(points, indices)[::_COARSE_TAU_STEP]
     ratios = RATIOS[RATIOS > _MIN_AVERAGED_RATIO][::_AVERAGED_RATIO_STEP]
-    _, white, joint = likelihood.evaluate(tau_s, ratios)
+    _, white, joint, log_variance = likelihood.evaluate(tau_s, ratios)
     log_density = np.repeat(_log_density_of_tau(likelihood, tau_s), len(ratios))
     joint = joint + log_density
     if np.exp(joint).sum() < np.exp(log_density).sum():  # Bayes factor below one
         return {}
     cells = _Cells(np.tile(ratios, len(tau_s)), tau_s, np.repeat(np.eye(len(tau_s)), len(ratios), axis=0))
-    return cells.mean_noise(likelihood, joint, white, is_significant=False)
+    return cells.mean_noise(likelihood, joint, white, log_variance, is_significant=False)
 
 
 def _fitted(likelihood: RestrictedLikelihood, threshold: float) -> dict[int, SeriesNoise]:
@@ -521,7 +537,7 @@ def _fitted(likelihood: RestrictedLikelihood, threshold: float) -> dict[int, Ser
     points, indices = likelihood.points, likelihood.indices
     tau_s = _trial_taus_s(points, indices)
     coarse_taus_s, coarse_ratios = tau_s[::_COARSE_TAU_STEP], RATIOS[::_COARSE_RATIO_STEP]
-    _, _, joint = likelihood.evaluate(coarse_taus_s, coarse_ratios)
+    _, _, joint, _ = likelihood.evaluate(coarse_taus_s, coarse_ratios)
     if joint.max() < 0.5 * threshold - 1.0:
         return {}
     best = int(joint.argmax())
@@ -543,7 +559,7 @@ def _fitted(likelihood: RestrictedLikelihood, threshold: float) -> dict[int, Ser
         odds = -math.inf
     tau_s, density, ratio, flicker_ratio = tau_s[taus], density[taus], RATIOS[ratios], RATIOS[wider]
     tried = [likelihood.evaluate(tau_s, ratio), likelihood.evaluate(taus_of_flicker_s, flicker_ratio, part)]
-    _, white, joint = (np.concatenate(arrays, axis=-1) for arrays in zip(*tried, strict=True))
+    _, white, joint, log_variance = (np.concatenate(arrays, axis=-1) for arrays in zip(*tried, strict=True))
     count = len(tau_s) * len(ratio)
     if odds == -math.inf:
         joint[count:] = odds
@@ -557,7 +573,7 @@ def _fitted(likelihood: RestrictedLikelihood, threshold: float) -> dict[int, Ser
         np.concatenate([tau_s, taus_of_flicker_s[0]]),
         block_diag(single, np.repeat(part, len(flicker_ratio), axis=0)),
     )
-    return cells.mean_noise(likelihood, joint, white, is_significant=True)
+    return cells.mean_noise(likelihood, joint, white, log_variance, is_significant=True)
 
 
 def _flicker_shape(points: Points, indices: Indices, least_s: float) -> tuple[Floats, Floats]:

@@ -17,7 +17,16 @@ Kalman filter whitens residuals and design matrix of each series; what it leaves
 fit. The noise is found once, from the fit with independent weights: a restricted likelihood does not depend on the
 estimate. Weights allow for significant correlation only, the covariance for all that the residuals leave possible.
 Delays that share errors of stations have the weight of their effective number of observations: their sigmas are
-multiplied by the root of n / n_effective, the mean over the combinations of baselines whose errors are correlated.
+multiplied by the root of n / n_effective, the mean over the combinations of baselines.
+
+Weights are themselves estimates. Where the noise of a type is found too small, its weight is too large and
+the stated covariance too small. To first order the covariance of the estimate lacks (Kackar and Harville
+1984; Kenward and Roger 1997)
+
+    2 sum over weights g of s_g^2 C (I_g - I_g C I_g) C,
+
+with the information I_g of the observations of one weight, the covariance C, and the variance s_g^2, over the noise
+models of the average, of the logarithm of the variance that they give to the parameters.
 """
 
 from __future__ import annotations
@@ -212,10 +221,14 @@ def fit_with_correlated_weights(
         linearization=stated.linearization,
         whitening=whitening,
     )
-    return replace(edited, fit=_with_covariances(fit, whitening, correlation), series_weights=weights)
+    return replace(
+        edited, fit=_with_covariances(fit, whitening, correlation, weights), series_weights=weights
+    )
 
 
-def _with_covariances(fit: FitResult, noise: CorrelatedWhitener, correlation: TimeCorrelation) -> FitResult:
+def _with_covariances(
+    fit: FitResult, noise: CorrelatedWhitener, correlation: TimeCorrelation, weights: Sequence[SeriesWeight]
+) -> FitResult:
     """Fit with its covariance for independent errors as stated, and the additional covariance of the others."""
     # With the weights W, parameters of unit A^T W A + P have the covariance P + A^T W W A for errors of unit variance,
     # and A^T W V W A - A^T W W A more for those of the covariance V.
@@ -223,14 +236,22 @@ def _with_covariances(fit: FitResult, noise: CorrelatedWhitener, correlation: Ti
     free, root = fit.parameters.free, fit.factor.root_covariance()
     directions = directions_of_rows(root[~fit.parameters.considered[free]])
     prior = (root / fit.parameters.prior_sigmas[free, None]) @ directions
-    weighted, series = noise.weighted(fit.whitened_unit_partials(directions)), noise.series
+    whitened, series = np.concatenate(list(fit.whitened_unit_partials(directions))), noise.series
+    weighted = noise.weighted([whitened])
     unit = prior.T @ prior + gram(weighted, weighted)
-    added = np.zeros_like(unit)
+    added, information, variances = np.zeros_like(unit), dict[str, Floats](), dict[str, list[float]]()
+    names = {weight.name for weight in weights}
     for item, rows in zip(series.series, series.of_each, strict=True):
         process, step_s = correlation.noise.get(item.key, NO_NOISE), np.diff(series.time_s[rows], prepend=0.0)
         columns, lengths = weighted[rows], np.array([len(rows)])
         half = half_products([process], np.append(0, lengths), step_s, np.ones(len(rows)), columns)
         added += _added(columns, half, [process], lengths)
+        group = item.shared or item.group
+        information[group] = information.get(group, 0.0) + gram(whitened[rows], whitened[rows])
+        if process.is_significant and (item.shared or item.name) in names:
+            variances.setdefault(group, []).append(process.log_variance)
+    for group, variance in variances.items():
+        added += 2.0 * np.mean(variance) * (information[group] - information[group] @ information[group])
     unit = np.eye(len(directions)) + directions @ (unit - np.eye(len(unit))) @ directions.T
     fit = replace(fit, covariance=covariance_matrix(fit.factor, fit.parameters, unit))
     added_covariance = in_parameter_units(directions @ added @ directions.T, fit)
@@ -257,27 +278,18 @@ def _weights(series: IndependentSeries, correlation: TimeCorrelation) -> tuple[S
     """Weights of the series; combinations of observations with shared errors have one weight."""
     significant = (key for key, noise in correlation.noise.items() if noise.is_significant)
     items = dict(zip(significant, correlation.series, strict=True))
-    counts: dict[str, int] = {}
-    correlations: dict[str, list[SeriesCorrelation]] = {}
+    counts, enlarged = dict[str, int](), dict[str, float]()
     for item, combinations in zip(series.series, series.of_each, strict=True):
-        time_s = series.time_s[combinations]
-        name, series_correlation = item.shared or item.name, items.get(item.key)
-        counts[name] = counts.get(name, 0) + len(time_s)
-        if (
-            series_correlation is not None
-            and series_correlation.count * series_correlation.correlation_time_s
-            >= DENSE * (time_s[-1] - time_s[0])
+        time_s, name = series.time_s[combinations], item.shared or item.name
+        count, variance, series_correlation = len(time_s), float(len(time_s)), items.get(item.key)
+        if series_correlation is not None and count * series_correlation.correlation_time_s >= DENSE * (
+            time_s[-1] - time_s[0]
         ):
-            correlations.setdefault(name, []).append(series_correlation)
-    weights = []
-    for name, members in correlations.items():
-        # Combinations in which the errors of stations cancel, around triangles, need not be correlated.
-        enlarged = sum(
-            series_correlation.count**2 / series_correlation.effective_count for series_correlation in members
-        )
-        factor = math.sqrt(
-            max(1.0, enlarged / max(sum(series_correlation.count for series_correlation in members), 1))
-        )
-        if factor > 1.0:
-            weights.append(SeriesWeight(name, counts[name], factor))
-    return tuple(weights)
+            variance = count**2 / series_correlation.effective_count
+        counts[name] = counts.get(name, 0) + count
+        enlarged[name] = enlarged.get(name, 0.0) + variance
+    return tuple(
+        SeriesWeight(name, count, math.sqrt(enlarged[name] / count))
+        for name, count in counts.items()
+        if enlarged[name] > count
+    )

@@ -53,9 +53,8 @@ def test_restricted_likelihoods_are_those_of_dense_algebra(case, compiled):
     step_s, gain, columns = case
     data, ends = two_series(step_s, gain, columns), [slice(0, 90), slice(90, 150)]
     data = replace(data, compiled=compiled)
-    log, white, joint_log = RestrictedLikelihood.from_points(data, np.arange(2), SIGMAS).evaluate(
-        TAU_S, RATIO
-    )
+    restricted = RestrictedLikelihood.from_points(data, np.arange(2), SIGMAS)
+    log, white, joint_log, log_variance = restricted.evaluate(TAU_S, RATIO)
     effects = data.unit * SIGMAS
 
     def each(k, tau_s, ratio):
@@ -77,6 +76,10 @@ def test_restricted_likelihoods_are_those_of_dense_algebra(case, compiled):
         for j in range(2):
             assert log[j, k] == pytest.approx(result[j][0] - null_each[j][0], rel=1e-9, abs=1e-9)
             assert white[j, k] == pytest.approx(result[j][1], rel=1e-9)
+            columns = effects[ends[j]]
+            information = np.eye(2) + columns.T @ np.linalg.solve(result[j][2], columns)
+            relative = np.linalg.slogdet(information)[1] / max(restricted.data[j].absorbed, 1.0)
+            assert log_variance[j, k] == pytest.approx(np.log(result[j][1]) - relative, rel=1e-6, abs=1e-6)
 
 
 def two_series(step_s, gain, columns):

@@ -139,7 +139,7 @@ def test_forty_counts_before_the_lock_and_slips_leave_the_position_as_it_is(trac
     assert set(status[counts[1000:1040]]) == {"not locked to the uplink: 8.8 kHz off"}
     assert status[counts[300]] == "cycle slip of 3 cycles"
     assert int((~solution.residuals.used).sum()) == 41
-    left_out = "2020-12-01T19:00:00 and 39 later KUNMING doppler: not locked to the uplink: 8.8 kHz off"
+    left_out = "2020-12-01T19:00:00 and 39 more KUNMING doppler: not locked to the uplink: 8.8 kHz off"
     assert left_out in " ".join(str(solution).split())
     error_m = solution.position_pa_m - truth_pa_m
     covariance_m2 = solution.position_covariance("pa")

@@ -150,7 +150,7 @@ def test_a_split_of_two_links_of_a_station_is_told(tracking):
     biased = study(range_bias="all", consider_defaults=False)
     output = " ".join(str(radioloc.locate(biased, off)).split())
     assert re.search(
-        r'ranges of KASHI, .* disagree by \d+\.\d sigmas: \[estimate\] clock = "all" or range_bias_per',
+        r"ranges of KASHI, .* disagree by \d+\.\d sigmas: .*\[estimate\] range_bias_per",
         output,
     )
     for absorbed in ({"range_bias_per": "link"}, {"clock": "all"}):

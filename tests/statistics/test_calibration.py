@@ -11,6 +11,8 @@ from tracking_cells import wrong_apriori
 UNDETERMINED = (
     "VLBI, lasting errors of stations, 24 h",
     "VLBI, lasting errors of stations, stated, 24 h",
+    "VLBI, large lasting errors of stations, 48 h",
+    "VLBI, large lasting errors of stations, stated, 24 h",
     "VLBI, large lasting errors of stations, stated, 48 h",
 )
 """Fixed noise that an arc cannot distinguish from other noise; drawn noise is calibrated (docs/validation.md)."""

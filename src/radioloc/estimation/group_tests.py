@@ -51,9 +51,7 @@ class ScoreTest:
     estimate: Floats  # (k,), coefficients of the columns
     root: Floats  # (k, dof), square root of their covariance
     shift: Floats  # (c,), change of the parameters
-    shift_root_covariance: (
-        Floats  # (c, dof), square root of the covariance of the shift under the null hypothesis
-    )
+    shift_root_covariance: Floats  # (c, dof), that of the shift under the null hypothesis
     log_p_value: float  # logarithm of the p-value
     variance_factor: float = 1.0  # variance factor of the common errors of links
 

@@ -247,7 +247,8 @@ def _with_covariances(
         half = half_products([process], np.append(0, lengths), step_s, np.ones(len(rows)), columns)
         added += _added(columns, half, [process], lengths)
         group = item.shared or item.group
-        information[group] = information.get(group, 0.0) + gram(whitened[rows], whitened[rows])
+        of_series = whitened[rows]
+        information[group] = information.get(group, 0.0) + gram(of_series, of_series)
         if process.is_significant and (item.shared or item.name) in names:
             variances.setdefault(group, []).append(process.log_variance)
     for group, variance in variances.items():

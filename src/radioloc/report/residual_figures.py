@@ -38,7 +38,6 @@ if TYPE_CHECKING:
 
 Dates = NDArray[np.datetime64]
 Limits = tuple[np.datetime64, np.datetime64]
-_Rows = Indices
 
 MAX_POINTS = 5000
 """Number of observations in a panel above which the envelope is drawn."""
@@ -54,7 +53,7 @@ class Panel:
 
     # Panels of stations, which have error bars, share one scale (`like` is empty). An only link has no name.
 
-    def __init__(self, residuals: Residuals, title: str, like: str, links: dict[str, _Rows]) -> None:
+    def __init__(self, residuals: Residuals, title: str, like: str, links: dict[str, Indices]) -> None:
         self.title, self.like, self.links = title, like, links
         self.rows = np.concatenate(list(links.values()))
         used = residuals.used[self.rows]
@@ -101,7 +100,7 @@ def station_panels(residuals: Residuals) -> list[Panel]:
     ]
 
 
-def _rows_by_way(residuals: Residuals, rows: _Rows) -> dict[str, _Rows]:
+def _rows_by_way(residuals: Residuals, rows: Indices) -> dict[str, Indices]:
     """Return the rows of a station by the way of the signal, without names if the legend has no room for them."""
     codes = residuals.paths.codes[rows]
     present = np.unique(codes).tolist()
@@ -118,7 +117,7 @@ def _rows_by_way(residuals: Residuals, rows: _Rows) -> dict[str, _Rows]:
 
 def link_panels(residuals: Residuals) -> list[Panel]:
     """Group observations by type and by baseline or receiver, baselines first."""
-    groups: dict[tuple[bool, int, str], dict[str, _Rows]] = {}
+    groups: dict[tuple[bool, int, str], dict[str, Indices]] = {}
     types, paths = residuals.types, residuals.paths
     links = [Link.from_path(path) for path in paths.texts]
     named, keys = link_ways(links), types.codes * len(links) + paths.codes

@@ -33,6 +33,7 @@ TRACKING = (*RADIO, "llr")
 ALL = (*TRACKING, "grail")
 
 Change = Callable[[World, Case, np.random.Generator], Case]
+Rows = Callable[[World, Observations], np.ndarray]
 
 
 @dataclass(frozen=True)
@@ -53,25 +54,33 @@ class Fault:
 # Rows of observations
 
 
+def by_link(observations: Observations, value: Callable[[Link], float]) -> np.ndarray:
+    """Return a value of its link for each observation, shape (n,)."""
+    return np.array([value(link) for link in observations.links])[observations.link]
+
+
 def rows_of(observations: Observations, station: str | None = None, kind: str | None = None) -> np.ndarray:
     """Return a mask of the observations that a station receives, and of a type."""
-    receives = np.array([station in (None, link.receiver) for link in observations.links])[observations.link]
-    if station is not None:
-        receives |= np.array(
-            [link.differenced and station == link.transmitter for link in observations.links]
-        )[observations.link]
+    receives = by_link(
+        observations,
+        lambda x: station in (None, x.receiver) or (x.differenced and station == x.transmitter),
+    )
     return receives & ((observations.types() == kind) if kind else True)
 
 
 def signs_of(observations: Observations, station: str) -> np.ndarray:
     """Return the sign of a delay of reception at a station in each value, shape (n,)."""
-    signs = np.array([link.reception_signs.get(station, 0.0) for link in observations.links])
-    return signs[observations.link]
+    return by_link(observations, lambda link: link.reception_signs.get(station, 0.0))
 
 
-def ranges_of(observations: Observations) -> np.ndarray:
-    """Return a mask of ranges."""
-    return observations.types() == "range"
+def of_kind(kind: str | None, *, of_station: bool = False) -> Rows:
+    """Select the observations of a type, of all stations or of that of the world."""
+    return lambda world, table: rows_of(table, world.station if of_station else None, kind)
+
+
+def mask(observations: Observations, index: np.ndarray) -> np.ndarray:
+    """Return a mask of some observations, from their indices."""
+    return np.isin(np.arange(len(observations)), index)
 
 
 def seconds(observations: Observations) -> np.ndarray:
@@ -88,81 +97,68 @@ def passes_of(observations: Observations, rows: np.ndarray) -> list[np.ndarray]:
     return np.split(index, np.flatnonzero(np.diff(seconds(observations)[index]) > PASS_GAP_S) + 1)
 
 
-def main_station(world: World, observations: Observations) -> str:
-    """Station with ranges: that of the world, unless it has only delays."""
-    ranges = rows_of(observations, world.station) & ranges_of(observations)
-    return world.station if ranges.any() else "KASHI"
-
-
-# Changes of observations
-
-
-def with_values(case: Case, added_m: np.ndarray) -> Case:
-    """Return the case with errors added to the values."""
-    observations = case.observations
-    return replace(case, observations=replace(observations, value_m=observations.value_m + added_m))
-
-
-def with_sigmas(case: Case, factor: np.ndarray) -> Case:
-    """Return the case with stated sigmas multiplied by factors."""
-    observations = case.observations
-    return replace(case, observations=replace(observations, sigma_m=observations.sigma_m * factor))
-
-
-def with_links(case: Case, change: Callable[[Link], Link]) -> Case:
-    """Return the case with other links."""
-    links = tuple(map(change, case.observations.links))
-    return replace(case, observations=replace(case.observations, links=links))
-
-
-def later(case: Case, shift_s: np.ndarray) -> Case:
-    """Return the case with time tags that are later by some seconds."""
-    tai = utc_to_tai(case.observations.epoch)
-    epoch = tai_to_utc(tai.shifted(np.broadcast_to(shift_s, len(tai))))
-    return replace(case, observations=replace(case.observations, epoch=epoch))
-
-
-def station_offset(size: float) -> Change:
-    """Add an offset to the values of a station, in units of the world's length."""
-
-    def change(world: World, case: Case, _: np.random.Generator) -> Case:
-        return with_values(case, size * world.length_m * signs_of(case.observations, world.station))
-
-    return change
-
-
-def range_offset(size: float, rows_of_part: Callable[[World, Observations], np.ndarray]) -> Change:
-    """Add an offset to some observations, in units of the world's length."""
-
-    def change(world: World, case: Case, _: np.random.Generator) -> Case:
-        return with_values(case, size * world.length_m * rows_of_part(world, case.observations))
-
-    return change
-
-
 def station_ranges(world: World, observations: Observations) -> np.ndarray:
-    """Return a mask of the ranges that the main station receives."""
-    return rows_of(observations, main_station(world, observations)) & ranges_of(observations)
+    """Return a mask of the ranges that the main station receives: that of the world, unless it has only delays."""
+    ranges = rows_of(observations, world.station, "range")
+    return ranges if ranges.any() else rows_of(observations, "KASHI", "range")
 
 
 def second_half(world: World, observations: Observations) -> np.ndarray:
     """Return a mask of the second half of the ranges of the main station."""
     index = np.flatnonzero(station_ranges(world, observations))
-    return np.isin(np.arange(len(observations)), index[len(index) // 2 :])
+    return mask(observations, index[len(index) // 2 :])
 
 
 def first_pass(world: World, observations: Observations) -> np.ndarray:
     """Return a mask of the first pass of the main station with five ranges."""
     passes = passes_of(observations, station_ranges(world, observations))
-    chosen = next(index for index in passes if len(index) >= 5)
-    return np.isin(np.arange(len(observations)), chosen)
+    return mask(observations, next(index for index in passes if len(index) >= 5))
 
 
 def short_run(world: World, observations: Observations) -> np.ndarray:
     """Return a mask of a run of ranges of the main station, a quarter of its ranges and at most 26."""
     index = np.flatnonzero(station_ranges(world, observations))
     first = len(index) // 4
-    return np.isin(np.arange(len(observations)), index[first : first + min(26, len(index) // 4)])
+    return mask(observations, index[first : first + min(26, len(index) // 4)])
+
+
+# Changes of observations
+
+
+def with_columns(case: Case, **columns: object) -> Case:
+    """Return the case with other columns of its observations."""
+    return replace(case, observations=replace(case.observations, **columns))
+
+
+def with_values(case: Case, added_m: np.ndarray) -> Case:
+    """Return the case with errors added to the values."""
+    return with_columns(case, value_m=case.observations.value_m + added_m)
+
+
+def added(errors_m: Rows) -> Change:
+    """Add errors to the values."""
+    return lambda world, case, _: with_values(case, errors_m(world, case.observations))
+
+
+def multiplied(less_one: float, rows: Rows) -> Change:
+    """Multiply some values by a factor, given less one."""
+    return added(lambda world, table: less_one * table.value_m * rows(world, table))
+
+
+def later(case: Case, shift_s: np.ndarray) -> Case:
+    """Return the case with time tags that are later by some seconds."""
+    tai = utc_to_tai(case.observations.epoch)
+    return with_columns(case, epoch=tai_to_utc(tai.shifted(np.broadcast_to(shift_s, len(tai)))))
+
+
+def station_offset(size: float) -> Change:
+    """Add an offset to the values of a station, in units of the world's length."""
+    return added(lambda world, table: size * world.length_m * signs_of(table, world.station))
+
+
+def range_offset(size: float, rows: Rows) -> Change:
+    """Add an offset to some observations, in units of the world's length."""
+    return added(lambda world, table: size * world.length_m * rows(world, table))
 
 
 def two_station_offsets(world: World, case: Case, _: np.random.Generator) -> Case:
@@ -174,23 +170,21 @@ def two_station_offsets(world: World, case: Case, _: np.random.Generator) -> Cas
 def clock_offset(offset_s: float, rate: float = 0.0, jump_s: float = 0.0) -> Change:
     """Add an error of a station's clock at reception."""
 
-    def change(world: World, case: Case, _: np.random.Generator) -> Case:
-        time_s = seconds(case.observations)
+    def errors_m(world: World, table: Observations) -> np.ndarray:
+        time_s = seconds(table)
         error_s = offset_s + rate * time_s + jump_s * (time_s > 0.5 * time_s.max())
-        signs = signs_of(case.observations, world.station)
-        two_way = np.array([link.transmitter == link.receiver for link in case.observations.links])
         # A constant error of the clock cancels in a two-way range.
-        return with_values(case, C_M_S * error_s * signs * ~two_way[case.observations.link])
+        two_way = by_link(table, lambda link: link.transmitter == link.receiver)
+        return C_M_S * error_s * signs_of(table, world.station) * ~two_way
 
-    return change
+    return added(errors_m)
 
 
 def tags(shift_s: float, *, of_station: bool = False) -> Change:
     """Shift time tags of all observations or of those of a station."""
 
     def change(world: World, case: Case, _: np.random.Generator) -> Case:
-        rows = rows_of(case.observations, world.station) if of_station else True
-        return later(case, shift_s * np.ones(len(case.observations)) * rows)
+        return later(case, shift_s * rows_of(case.observations, world.station if of_station else None))
 
     return change
 
@@ -200,22 +194,14 @@ def tags_as(other_scale: Callable[[Epochs], Epochs]) -> Change:
 
     def change(world: World, case: Case, _: np.random.Generator) -> Case:
         epoch = other_scale(case.observations.epoch)
-        return replace(
-            case, observations=replace(case.observations, epoch=Epochs(epoch.jd, epoch.fraction, "UTC"))
-        )
+        return with_columns(case, epoch=Epochs(epoch.jd, epoch.fraction, "UTC"))
 
     return change
 
 
 def transmit_for_receive(world: World, case: Case, _: np.random.Generator) -> Case:
     """Exchange the events of the time tags, transmission and reception."""
-    tag = 1 - case.observations.tag
-    return replace(case, observations=replace(case.observations, tag=tag.astype(np.int8)))
-
-
-def transponder_delay(world: World, case: Case, _: np.random.Generator) -> Case:
-    """Add 100 ns to all ranges."""
-    return with_values(case, 100e-9 * C_M_S * ranges_of(case.observations))
+    return with_columns(case, tag=(1 - case.observations.tag).astype(np.int8))
 
 
 def exchanged_stations(first: str = "", second: str = "") -> Change:
@@ -223,31 +209,38 @@ def exchanged_stations(first: str = "", second: str = "") -> Change:
 
     def change(world: World, case: Case, _: np.random.Generator) -> Case:
         names = first or world.station, second or world.partner
-        return with_links(case, lambda link: _renamed(link, *names))
+        return with_columns(case, links=tuple(_renamed(link, *names) for link in case.observations.links))
 
     return change
 
 
 def _renamed(link: Link, first: str, second: str) -> Link:
     names = {first: second, second: first}
-    return replace(
-        link,
-        transmitter=names.get(link.transmitter, link.transmitter),
-        receiver=names.get(link.receiver, link.receiver),
-    )
+    ends = {end: names.get(getattr(link, end), getattr(link, end)) for end in ("transmitter", "receiver")}
+    return replace(link, **ends)
+
+
+def renamed_in_pass(case: Case, rows: np.ndarray, rename: Callable[[Link], Link]) -> Case:
+    """Rename the links of the longest pass of some observations."""
+    observations = case.observations
+    link = observations.link.copy()
+    link[max(passes_of(observations, rows), key=len)] += len(observations.links)
+    renamed = tuple(map(rename, observations.links))
+    changed = replace(observations, links=observations.links + renamed, link=link)
+    parts = [changed.select(np.arange(len(link)) == k) for k in range(len(link))]
+    return replace(case, observations=Observations.concatenate(parts))
 
 
 def wrong_station_in_pass(world: World, case: Case, _: np.random.Generator) -> Case:
     """Give the observations of one pass of a station the name of another."""
-    observations = case.observations
-    rows = rows_of(observations, world.station)
-    index = max(passes_of(observations, rows), key=len)
-    renamed = tuple(_renamed(link, world.station, world.partner) for link in observations.links)
-    link = observations.link.copy()
-    link[index] += len(observations.links)
-    changed = replace(observations, links=observations.links + renamed, link=link)
-    parts = [changed.select(np.arange(len(link)) == k) for k in range(len(link))]
-    return replace(case, observations=Observations.concatenate(parts))
+    rows = rows_of(case.observations, world.station)
+    return renamed_in_pass(case, rows, lambda link: _renamed(link, world.station, world.partner))
+
+
+def wrong_target_in_night(world: World, case: Case, _: np.random.Generator) -> Case:
+    """Give the ranges of the longest night to one reflector the name of another."""
+    rows = by_link(case.observations, lambda link: link.target == "apollo15")
+    return renamed_in_pass(case, rows, lambda link: replace(link, target="apollo14"))
 
 
 def reversed_link(world: World, case: Case, _: np.random.Generator) -> Case:
@@ -260,35 +253,13 @@ def reversed_link(world: World, case: Case, _: np.random.Generator) -> Case:
             return link
         return replace(link, transmitter=link.receiver, receiver=link.transmitter)
 
-    return with_links(case, change)
+    return with_columns(case, links=tuple(map(change, case.observations.links)))
 
 
-def reversed_sign(world: World, case: Case, _: np.random.Generator) -> Case:
-    """Reverse the sign of all values that have one."""
-    rows = ~ranges_of(case.observations)
-    return with_values(case, -2.0 * case.observations.value_m * rows)
-
-
-def reversed_sign_in_pass(world: World, case: Case, _: np.random.Generator) -> Case:
-    """Reverse the sign of the Doppler of a station in its longest pass."""
-    index = max(passes_of(case.observations, rows_of(case.observations, world.station, "doppler")), key=len)
-    rows = np.isin(np.arange(len(case.observations)), index)
-    return with_values(case, -2.0 * case.observations.value_m * rows)
-
-
-def kilometres(world: World, case: Case, _: np.random.Generator) -> Case:
-    """Give all values in kilometres."""
-    return with_values(case, (1e-3 - 1.0) * case.observations.value_m)
-
-
-def halved(of_station: bool) -> Change:
-    """Halve ranges, which are one-way then."""
-
-    def change(world: World, case: Case, _: np.random.Generator) -> Case:
-        rows = station_ranges(world, case.observations) if of_station else ranges_of(case.observations)
-        return with_values(case, -0.5 * case.observations.value_m * rows)
-
-    return change
+def longest_doppler_pass(world: World, observations: Observations) -> np.ndarray:
+    """Return a mask of the longest pass of Doppler of a station."""
+    passes = passes_of(observations, rows_of(observations, world.station, "doppler"))
+    return mask(observations, max(passes, key=len))
 
 
 def outliers(fraction: float, size: float, *, of_station: bool = False) -> Change:
@@ -296,7 +267,7 @@ def outliers(fraction: float, size: float, *, of_station: bool = False) -> Chang
 
     def change(world: World, case: Case, random: np.random.Generator) -> Case:
         n = len(case.observations)
-        rows = rows_of(case.observations, world.station) if of_station else np.ones(n, dtype=bool)
+        rows = rows_of(case.observations, world.station if of_station else None)
         rows = rows & (random.random(n) < fraction)
         error = size * (0.5 + random.random(n)) * random.choice([-1.0, 1.0], n)
         return with_values(case, error * case.observations.sigma_m * rows)
@@ -308,8 +279,8 @@ def sigmas(factor: float, *, of_station: bool = False) -> Change:
     """Multiply stated sigmas."""
 
     def change(world: World, case: Case, _: np.random.Generator) -> Case:
-        rows = rows_of(case.observations, world.station) if of_station else np.ones(len(case.observations))
-        return with_sigmas(case, np.where(rows, factor, 1.0))
+        rows = rows_of(case.observations, world.station if of_station else None)
+        return with_columns(case, sigma_m=case.observations.sigma_m * np.where(rows, factor, 1.0))
 
     return change
 
@@ -324,43 +295,39 @@ def duplicates(shift_s: float) -> Change:
     return change
 
 
+def made_again(case: Case, names: str, **columns: np.ndarray) -> Case:
+    """Return the case with observations from some columns of its own and from others, which are checked."""
+    own = {name: getattr(case.observations, name) for name in names.split()}
+    return replace(case, observations=Observations.from_columns(**own, **columns))
+
+
 def single_precision(world: World, case: Case, _: np.random.Generator) -> Case:
     """Round values to single precision."""
-    observations = case.observations
-    columns = {
-        name: getattr(observations, name)
-        for name in (
-            *("epoch", "links", "sigma_m", "link", "tag", "kind", "pressure_hpa", "temperature_k"),
-            *("relative_humidity", "wavelength_um", "uplink_hz", "count_s", "modulus_m", "ramped", "ramps"),
-        )
-    }
-    rounded = observations.value_m.astype(np.float32)
-    return replace(case, observations=Observations.from_columns(value_m=rounded, **columns))
+    names = "epoch links sigma_m link tag kind pressure_hpa temperature_k relative_humidity wavelength_um"
+    names += " uplink_hz count_s modulus_m ramped ramps"
+    return made_again(case, names, value_m=case.observations.value_m.astype(np.float32))
 
 
-def scaled(size: float, kind: str | None = None) -> Change:
-    """Multiply the values of a station by a factor close to one."""
-
-    def change(world: World, case: Case, _: np.random.Generator) -> Case:
-        rows = rows_of(case.observations, world.station, kind)
-        return with_values(case, size * case.observations.value_m * rows)
-
-    return change
+def wrong_weather(factor: float) -> Change:
+    """Multiply recorded pressures, as of another unit."""
+    names = "epoch links value_m sigma_m link tag kind temperature_k relative_humidity wavelength_um"
+    return lambda world, case, _: made_again(
+        case, names, pressure_hpa=factor * case.observations.pressure_hpa
+    )
 
 
 def doppler_offset(fraction: float) -> Change:
     """Add the effect of a relative frequency offset to the Doppler of a station."""
-
-    def change(world: World, case: Case, _: np.random.Generator) -> Case:
-        rows = rows_of(case.observations, world.station, "doppler")
-        return with_values(case, fraction * C_M_S * np.nan_to_num(case.observations.count_s) * rows)
-
-    return change
+    return added(
+        lambda world, table: (
+            fraction * C_M_S * np.nan_to_num(table.count_s) * rows_of(table, world.station, "doppler")
+        )
+    )
 
 
 def half_count(world: World, case: Case, _: np.random.Generator) -> Case:
     """State half of the count interval of Doppler."""
-    return replace(case, observations=replace(case.observations, count_s=0.5 * case.observations.count_s))
+    return with_columns(case, count_s=0.5 * case.observations.count_s)
 
 
 def cycle_slips(world: World, case: Case, random: np.random.Generator) -> Case:
@@ -371,67 +338,34 @@ def cycle_slips(world: World, case: Case, random: np.random.Generator) -> Case:
     return with_values(case, 1e-6 * observations.wavelength_um * cycles * rows)
 
 
-def wrong_uplink(world: World, case: Case, _: np.random.Generator) -> Case:
-    """Scale Doppler by the ratio of the frequencies of two channels, which differ by 1e-3."""
-    rows = case.observations.types() == "doppler"
-    return with_values(case, 1e-3 * case.observations.value_m * rows)
-
-
 def wrong_turnaround(world: World, case: Case, _: np.random.Generator) -> Case:
     """Compute Doppler in X band by the turnaround ratio of X up and S down, 240/749 for 880/749."""
-    observations = case.observations
-    rows = observations.types() == "doppler"
-    wavelength_um = np.where(
-        rows, 1e6 * C_M_S * 749.0 / 240.0 / observations.uplink_hz, observations.wavelength_um
-    )
-    count_m = C_M_S * observations.count_s
-    value_m = np.where(rows, count_m - 880.0 / 240.0 * (count_m - observations.value_m), observations.value_m)
-    return replace(case, observations=replace(observations, value_m=value_m, wavelength_um=wavelength_um))
-
-
-def wrong_weather(factor: float) -> Change:
-    """Multiply recorded pressures, as of another unit."""
-
-    def change(world: World, case: Case, _: np.random.Generator) -> Case:
-        pressure_hpa = factor * case.observations.pressure_hpa
-        columns = {
-            name: getattr(case.observations, name)
-            for name in ("epoch", "links", "value_m", "sigma_m", "link", "tag", "kind", "temperature_k")
-        }
-        columns |= {name: getattr(case.observations, name) for name in ("relative_humidity", "wavelength_um")}
-        return replace(case, observations=Observations.from_columns(pressure_hpa=pressure_hpa, **columns))
-
-    return change
-
-
-def wrong_target_in_night(world: World, case: Case, _: np.random.Generator) -> Case:
-    """Give the ranges of the longest night to one reflector the name of another."""
-    observations = case.observations
-    rows = np.array([link.target == "apollo15" for link in observations.links])[observations.link]
-    index = max(passes_of(observations, rows), key=len)
-    renamed = tuple(replace(link, target="apollo14") for link in observations.links)
-    link = observations.link.copy()
-    link[index] += len(observations.links)
-    changed = replace(observations, links=observations.links + renamed, link=link)
-    parts = [changed.select(np.arange(len(link)) == k) for k in range(len(link))]
-    return replace(case, observations=Observations.concatenate(parts))
+    table = case.observations
+    rows, count_m = table.types() == "doppler", C_M_S * table.count_s
+    wavelength_um = np.where(rows, 1e6 * C_M_S * 749.0 / 240.0 / table.uplink_hz, table.wavelength_um)
+    value_m = np.where(rows, count_m - 880.0 / 240.0 * (count_m - table.value_m), table.value_m)
+    return with_columns(case, value_m=value_m, wavelength_um=wavelength_um)
 
 
 # Changes of the study
 
 
+def of_study(difference: Callable[[World, Study], Study]) -> Change:
+    """Change the study."""
+    return lambda world, case, _: replace(case, study=difference(world, case.study))
+
+
 def displaced(east_m: float, up_m: float) -> Change:
     """Displace a station in the catalogue, in units of the world's length."""
 
-    def change(world: World, case: Case, _: np.random.Generator) -> Case:
-        station = case.study.catalogue.get(world.station)
+    def difference(world: World, study: Study) -> Study:
+        station = study.catalogue.get(world.station)
         east, _, up = rot_itrf_to_enu(station.itrf_m)
         size_m = world.length_m if world.name == "llr" else 1.0
         itrf_m = station.itrf_m + size_m * (east_m * east + up_m * up)
-        catalogue = case.study.catalogue.with_station(replace(station, itrf_m=itrf_m))
-        return replace(case, study=replace(case.study, catalogue=catalogue))
+        return replace(study, catalogue=study.catalogue.with_station(replace(station, itrf_m=itrf_m)))
 
-    return change
+    return of_study(difference)
 
 
 def all_stations_higher(up_m: float) -> Change:
@@ -450,33 +384,23 @@ def all_stations_higher(up_m: float) -> Change:
 
 def higher_prior(error_m: float) -> Change:
     """Change the a-priori height."""
-
-    def change(world: World, case: Case, _: np.random.Generator) -> Case:
-        height_m = case.study.estimate.height_prior.height_m
-        return replace(case, study=with_height_prior(case.study, height_m + error_m))
-
-    return change
+    return of_study(lambda _, study: with_height_prior(study, study.estimate.height_prior.height_m + error_m))
 
 
-def without_terms(*terms: str) -> Change:
-    """Switch terms of the model off."""
-
-    def change(world: World, case: Case, _: np.random.Generator) -> Case:
-        model = case.study.model
-        model = replace(model, off=tuple(dict.fromkeys((*model.off, *terms))))
-        return replace(case, study=replace(case.study, model=model))
-
-    return change
+def without_term(term: str) -> Change:
+    """Switch a term of the model off."""
+    return of_study(
+        lambda _, study: replace(
+            study, model=replace(study.model, off=tuple(dict.fromkeys((*study.model.off, term))))
+        )
+    )
 
 
 def ephemeris(name: str) -> Change:
     """Fit with another ephemeris; positions of reflectors keep their axes."""
-
-    def change(world: World, case: Case, _: np.random.Generator) -> Case:
-        model = replace(case.study.model, ephemeris=name, libration=name)
-        return replace(case, study=replace(case.study, model=model))
-
-    return change
+    return of_study(
+        lambda _, study: replace(study, model=replace(study.model, ephemeris=name, libration=name))
+    )
 
 
 def with_forces(study: Study, **forces) -> Study:
@@ -487,22 +411,18 @@ def with_forces(study: Study, **forces) -> Study:
 
 def fewer_harmonics(degree: int) -> Change:
     """Truncate the gravity field of the fit."""
-
-    def change(world: World, case: Case, _: np.random.Generator) -> Case:
-        field = GravityField.open("GRGM660PRIM", degree=degree)
-        return replace(case, study=with_forces(case.study, gravity=field))
-
-    return change
+    return of_study(
+        lambda _, study: with_forces(study, gravity=GravityField.open("GRGM660PRIM", degree=degree))
+    )
 
 
 def solar_pressure(factor: float) -> Change:
     """Multiply the coefficient of solar pressure in the fit."""
-
-    def change(world: World, case: Case, _: np.random.Generator) -> Case:
-        coefficient = factor * world.truth.target.forces.radiation_m2_kg
-        return replace(case, study=with_forces(case.study, radiation_m2_kg=coefficient))
-
-    return change
+    return of_study(
+        lambda world, study: with_forces(
+            study, radiation_m2_kg=factor * world.truth.target.forces.radiation_m2_kg
+        )
+    )
 
 
 # Differences of the world from the study
@@ -521,12 +441,12 @@ def of_world(difference: Callable[[Study], Study]) -> Change:
 def by_parameter(name: str, size: float) -> Change:
     """Add the effect of errors of the parameters whose names begin with `name`, each of some a-priori sigmas."""
 
-    def change(world: World, case: Case, _: np.random.Generator) -> Case:
+    def errors_m(world: World, _: Observations) -> np.ndarray:
         names, effects_m = world.errors
         columns = [k for k, item in enumerate(names) if item.startswith(name)]
-        return with_values(case, size * effects_m[:, columns].sum(axis=1))
+        return size * effects_m[:, columns].sum(axis=1)
 
-    return change
+    return added(errors_m)
 
 
 def _with_electrons(study: Study) -> Study:
@@ -536,8 +456,7 @@ def _with_electrons(study: Study) -> Study:
 
 def _with_manoeuvre(study: Study) -> Study:
     epoch = study.target.epoch.shifted(7200.0)
-    impulse = Impulse("manoeuvre", epoch, (0.0, 0.02, 0.0))
-    return with_forces(study, impulses=(impulse,))
+    return with_forces(study, impulses=(Impulse("manoeuvre", epoch, (0.0, 0.02, 0.0)),))
 
 
 _STATION = "{station}"
@@ -579,7 +498,7 @@ FAULTS: tuple[Fault, ...] = (
     Fault("tags in TDB", _TAGS, tags_as(utc_to_tt), ALL),
     Fault("tags one day late", _TAGS + "|epoch|one day", tags(86400.0), (*TRACKING,)),
     Fault("transmit for receive tag", _TAGS + "|transmi", transmit_for_receive, (*RADIO[:2], "llr", "grail")),
-    Fault("transponder delay 100 ns", _ALL_RANGES, transponder_delay, RADIO),
+    Fault("transponder delay 100 ns", _ALL_RANGES, range_offset(100e-9 * C_M_S, of_kind("range")), RADIO),
     Fault("station 80 m east", _STATION, displaced(80.0, 0.0), ALL),
     Fault("station 80 m up", _STATION, displaced(0.0, 80.0), ALL),
     Fault("station 1 km east", _STATION, displaced(1000.0, 0.0), ALL),
@@ -596,11 +515,26 @@ FAULTS: tuple[Fault, ...] = (
     ),
     Fault("wrong station in a pass", "{station}|{partner}", wrong_station_in_pass, ("dsn", "grail")),
     Fault("link reversed", "{station}|revers", reversed_link, ("three-way", "vlbi")),
-    Fault("sign reversed", r"\bsign\b|revers", reversed_sign, ("dsn", "vlbi", "grail")),
-    Fault("sign reversed in a pass", r"\bsign\b|revers", reversed_sign_in_pass, ("dsn", "grail")),
-    Fault("values in km", r"\bkm, not m|unit|plausible", kilometres, ALL),
-    Fault("ranges halved", "half|halv|one-way|twice", halved(of_station=False), TRACKING),
-    Fault("ranges of a station halved", _RANGING + "|half|halv|one-way", halved(of_station=True), TRACKING),
+    Fault(
+        "sign reversed",
+        r"\bsign\b|revers",
+        multiplied(-2.0, lambda _, table: table.types() != "range"),
+        ("dsn", "vlbi", "grail"),
+    ),
+    Fault(
+        "sign reversed in a pass",
+        r"\bsign\b|revers",
+        multiplied(-2.0, longest_doppler_pass),
+        ("dsn", "grail"),
+    ),
+    Fault("values in km", r"\bkm, not m|unit|plausible", multiplied(1e-3 - 1.0, of_kind(None)), ALL),
+    Fault("ranges halved", "half|halv|one-way|twice", multiplied(-0.5, of_kind("range")), TRACKING),
+    Fault(
+        "ranges of a station halved",
+        _RANGING + "|half|halv|one-way",
+        multiplied(-0.5, station_ranges),
+        TRACKING,
+    ),
     Fault("5 % outliers", _OUTLIERS, outliers(0.05, 30.0), ALL),
     Fault("40 % outliers of a station", _STATION, outliers(0.4, 30.0, of_station=True), ALL),
     Fault("sigmas of a station 100 times too small", _STATION, sigmas(0.01, of_station=True), ALL),
@@ -616,14 +550,19 @@ FAULTS: tuple[Fault, ...] = (
     Fault("duplicates 1 ms apart", "duplicat|twice|repeat|cop(y|ies)", duplicates(1e-3), ALL),
     Fault("zenith delays 0.5 m off", "zenith|tropos", by_parameter("zenith_delay", 0.5 / 0.03), RADIO),
     Fault("solar maximum without ionosphere", "electron|ionos|plasma", of_world(_with_electrons), RADIO),
-    Fault("troposphere switched off", "zenith|tropos", without_terms("troposphere"), TRACKING),
-    Fault("relativity switched off", "shapiro|relativ|gravitational", without_terms("shapiro"), TRACKING),
-    Fault("tides switched off", "tide|station", without_terms("solid_earth_tide"), TRACKING),
+    Fault("troposphere switched off", "zenith|tropos", without_term("troposphere"), TRACKING),
+    Fault("relativity switched off", "shapiro|relativ|gravitational", without_term("shapiro"), TRACKING),
+    Fault("tides switched off", "tide|station", without_term("solid_earth_tide"), TRACKING),
     Fault("wrong ephemeris", "moon|ephemeris|librat", ephemeris("DE440"), RADIO),
     Fault(
         "UT1 0.05 s off", "ut1|earth orientation|rotation|time", by_parameter("ut1", 5e3), (*RADIO, "grail")
     ),
-    Fault("scale of a station 1e-7", _STATION + "|scale", scaled(1e-7), (*RADIO, "grail")),
+    Fault(
+        "scale of a station 1e-7",
+        _STATION + "|scale",
+        multiplied(1e-7, of_kind(None, of_station=True)),
+        (*RADIO, "grail"),
+    ),
     Fault("single precision", "precision|float32|round", single_precision, ALL),
     Fault("pressure in kPa", "pressure", wrong_weather(0.1), ("llr",)),
     Fault("pressure in mmHg", "pressure|zenith|tropos", wrong_weather(0.75006), ("llr",)),
@@ -638,7 +577,12 @@ FAULTS: tuple[Fault, ...] = (
         ("dsn", "grail"),
     ),
     Fault("cycle slips", "slip|" + _OUTLIERS, cycle_slips, ("dsn", "grail")),
-    Fault("wrong uplink frequency", "scale|frequenc|uplink", wrong_uplink, ("dsn", "grail")),
+    Fault(
+        "wrong uplink frequency",
+        "scale|frequenc|uplink",
+        multiplied(1e-3, of_kind("doppler")),
+        ("dsn", "grail"),
+    ),
     Fault("wrong turnaround ratio", "turnaround", wrong_turnaround, ("dsn", "grail")),
     Fault("gravity truncated", "gravity|harmonic|degree|forces", fewer_harmonics(10), ("grail",)),
     Fault("manoeuvre not modelled", "manoeuvre", of_world(_with_manoeuvre), ("grail",)),

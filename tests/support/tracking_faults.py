@@ -297,8 +297,8 @@ def duplicates(shift_s: float) -> Change:
 
 def made_again(case: Case, names: str, **columns: np.ndarray) -> Case:
     """Return the case with observations from some columns of its own and from others, which are checked."""
-    own = {name: getattr(case.observations, name) for name in names.split()}
-    return replace(case, observations=Observations.from_columns(**own, **columns))
+    stated = {name: getattr(case.observations, name) for name in names.split()}
+    return replace(case, observations=Observations.from_columns(**stated, **columns))
 
 
 def single_precision(world: World, case: Case, _: np.random.Generator) -> Case:

@@ -8,7 +8,7 @@ from spk_files import ORBITER, START_S, STOP_S, circular, write_states
 
 from radioloc.ephemeris import Ephemeris, LunarOrientation, Trajectory
 from radioloc.ephemeris.orientation import LUNAR_AXES
-from radioloc.errors import CoverageError
+from radioloc.errors import CoverageError, KernelError
 from radioloc.io import write_spice
 from radioloc.kernels import find_kernel
 from radioloc.time import Epochs
@@ -75,3 +75,25 @@ def test_epochs_without_an_orientation_of_the_moon_are_refused(tmp_path):
     ends = LunarOrientation.open("DE440").kernel.end_tdb
     with pytest.raises(CoverageError, match=ends):
         Trajectory.open(spk, 301001).geocentric(Ephemeris.open(), Epochs.from_tdb_seconds(np.array([1.6e9])))
+
+
+def made_up_pck(path, frame_codes, n_days=40):
+    handle = spiceypy.pckopn(str(path), "made up", 0)
+    for code in frame_codes:
+        series = np.zeros((5, 3, 3))
+        series[:, :, 1] = 0.1
+        spiceypy.pckw02(
+            handle, code, "J2000", 0.0, n_days * 86400.0, "x", 8 * 86400.0, 5, 2, series.ravel(), 0.0
+        )
+    spiceypy.pckcls(handle)
+    return path
+
+
+def test_frame_of_another_ephemeris(tmp_path):
+    assert LunarOrientation.open(made_up_pck(tmp_path / "de440.bpc", [31008])).frame == "PA_DE440"
+
+
+@pytest.mark.parametrize("codes", [[31002], [3000], [31006, 31008]])
+def test_unknown_or_ambiguous_frames(tmp_path, codes):
+    with pytest.raises(KernelError, match=r"NAIF.*31006 \(PA_DE421\)"):
+        LunarOrientation.open(made_up_pck(tmp_path / "odd.bpc", codes))

@@ -7,7 +7,7 @@ import pytest
 from image_chains import CENTRE, Chain, drawn_ties
 
 from radioloc.errors import InputError
-from radioloc.imaging.homography import transformed
+from radioloc.imaging.homography import derivative, transformed
 
 EXACT_M = 1e-6
 CHAIN = Chain(images=5, map_below=3)
@@ -87,3 +87,20 @@ def test_images_without_ties_to_the_map_are_refused():
     loose = replace(ties, map_point=empty, map_m=np.zeros((0, 2)), map_sigma_m=np.zeros(0))
     with pytest.raises(InputError, match="do not determine"):
         CHAIN.adjusted(loose)
+
+
+# From pixels of a frame 1000 pixels wide to metres, 3 km east of the origin, seen 20 degrees off the vertical.
+MATRIX = np.array([[1.9, 0.3, 3000.0], [-0.25, -2.1, 800.0], [1.0e-4, -2.0e-4, 1.0]])
+PIXELS = np.random.default_rng(5).uniform(0.0, 1000.0, (60, 2))
+
+
+def test_derivatives_are_central_differences():
+    step = 1e-3
+    numeric = np.stack(
+        [
+            (transformed(MATRIX, PIXELS + d) - transformed(MATRIX, PIXELS - d)) / (2 * step)
+            for d in step * np.eye(2)
+        ],
+        axis=-1,
+    )
+    np.testing.assert_allclose(derivative(MATRIX, PIXELS), numeric, rtol=0, atol=1e-7)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from radioloc.errors import DataQualityWarning, FileFormatError, InputError
+from radioloc.measurements import Geometry, MeasurementType
 from radioloc.measurements.link import Link, canonical_target
 from radioloc.measurements.observations import Observations, without_duplicates
 from radioloc.measurements.registry import is_differenced, is_integrated
@@ -238,3 +239,17 @@ def test_limits_of_delay_rates(changes, words):
     assert is_differenced(rate.kind).all()
     with pytest.raises(InputError, match=words):
         make(**(RATE | changes))
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"geometry": Geometry.COMBINED}, "if and only if"),
+        ({"name": "half range"}, "'half range'"),
+        ({"tags": ("receive", "noon")}, "transmit, receive, bounce"),
+    ],
+)
+def test_inconsistent_types(changes, words):
+    arguments = {"name": "half_range", "description": "a value", "geometry": Geometry.ROUND_TRIP}
+    with pytest.raises(InputError, match=words):
+        MeasurementType(**(arguments | changes))

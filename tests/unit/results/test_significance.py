@@ -1,5 +1,6 @@
-"""Significance of what cards compare: the largest of many differences, shifts in space, means of few observations."""
+"""Cards as text, lines on reliability, and the significance of what cards compare."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -11,10 +12,13 @@ from radioloc.estimation.adaptation import AdaptedEstimate
 from radioloc.estimation.combination import Agreement
 from radioloc.estimation.consider import Consider
 from radioloc.estimation.consistency_results import Consistency, ConsistencyTest
+from radioloc.estimation.reliability import Reliability
 from radioloc.parameters import Parameter, ParameterSet
 from radioloc.results.build import compare_with, with_findings
+from radioloc.results.cards import Card, Field, text_table
 from radioloc.results.comparison import significant_pairs
 from radioloc.results.fit_card import select_findings
+from radioloc.results.reliability_card import reliability_lines
 from radioloc.results.solution_card import solution_card
 
 
@@ -90,3 +94,58 @@ def test_sigma_above_the_a_priori_one_is_explained(neglected_m, explained):
     gravity = ParameterSet([Parameter("gravity", "1", "gravity", 0.0, 1.0)])
     text = str(solution_card(replace(solution, consider=Consider(gravity, sensitivity))))
     assert ("above the a-priori one" in text) == explained
+
+
+ROWS = (("KASHI", "1.0", "0 +- 10"), ("a name that is much too long for its column", "-22222.0", "free"))
+
+
+def test_numbers_are_never_cut():
+    lines = text_table(("station", *(f"column {k}" for k in range(9))), (("KASHI", *["-123456.78"] * 9),), 40)
+    assert lines[1].split() == ["KASHI", *["-123456.78"] * 9]
+
+
+def test_rows_of_the_rest_are_counted_by_name():
+    rest = (("zenith_delay", "6 h", "1"), ("zenith_delay", "12 h", "1"), ("clock", "6 h", "1"))
+    field = Field("estimated", (), ("parameter", "arc", "sigma"), ROWS[:1], ("below",), rest, "arcs.json")
+    text = str(Card((field,)))
+    assert "KASHI" in text
+    assert "zenith_delay" not in text
+    assert text.index("2 more in arcs.json") < text.index("below")
+    page = Card((field,)).html()
+    assert page.index("<summary>2 more</summary>") < page.index("zenith_delay") < page.index("below")
+
+
+def test_markup_is_text():
+    card = Card((Field("notes", ("[bold]not bold[/bold] :moon:",), ("[red]a", "b"), (("[/red]", "1"),)),))
+    assert "[bold]not bold[/bold] :moon:" in str(card)
+    assert "[red]a" in str(card)
+    assert "[/red]" in str(card)
+    assert "\x1b" not in str(card)
+
+
+def item(
+    name, minimal, unit="m", *, shift_m=1.0, per_unit_m=1.0, kind="parameter", components=("",), sigma=None
+):
+    return Reliability(kind, name, components, unit, minimal, shift_m, per_unit_m, sigma)
+
+
+def test_the_smallest_error_and_the_largest_effect_of_each_kind_are_named():
+    sizes, effect, hidden = reliability_lines(
+        [
+            item("range_bias.A", 4.0, shift_m=20.0),
+            item("range_bias.B", 3.0),
+            item("clock.C", 2e-9, "s"),
+            item("moon_position.radial", 500.0, shift_m=400.0),  # no fault of a station, link or target
+            item("range_bias.range", 1.0),  # of a type
+            item("time_bias.all", 5e-3, "s", shift_m=120.0),
+            item("transponder_delay", math.inf, "s", per_unit_m=1.5e8, sigma=1e-8),
+            item("term.troposphere", 0.1, "1", shift_m=500.0),  # switched off by the user
+        ]
+    )
+    assert (
+        sizes
+        == "smallest detectable errors (power 80 %): clock 2 ns (C), range bias 3 m (B), time bias 5 ms (common)"
+    )
+    effects = "120 m (common time bias, 5 ms), 20.0 m (range bias of A, 4 m), 1.00 m (clock of C, 2 ns)"
+    assert effect == f"largest effects of undetected errors: {effects}"
+    assert hidden == "not revealed: transponder delay (0.150 m of position per ns, sigma 10 ns)"

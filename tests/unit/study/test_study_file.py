@@ -1,6 +1,7 @@
 """The study file: every key arrives where it belongs, every mistake is a sentence with file, table and key."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from radioloc import read_study
 from radioloc.errors import InputError
 from radioloc.imaging import read_image_study
 from radioloc.measurements.equipment_delays import StationDelay
+from radioloc.study import EstimateChoice, ObservationChoice
 
 TARGET = '[target]\nframe = "ME_DE421"\nlongitude_deg = 3.5\nlatitude_deg = 26.0\nheight_m = -1000.0\n'
 FILES = '[observations]\nfiles = ["d.csv"]\n'
@@ -387,3 +389,35 @@ def test_considered_parameters_are_checked(lines, message, read):
     refused(
         read, TARGET + FILES + '[estimate]\nrange_bias = ["APOLLO"]\n[consider]\n' + lines + "\n", message
     )
+
+
+def test_single_names_and_files_stand_for_lists_of_one():
+    choice = ObservationChoice(files="a.csv", targets="apollo15", stations="7045")
+    assert choice.files == (Path("a.csv"),)
+    assert choice.targets == ("apollo15",)
+    assert choice.stations == ("7045",)
+    assert ObservationChoice(files=["a", Path("b")], targets=["x"]).files == (Path("a"), Path("b"))
+    assert EstimateChoice(range_bias=["A", "B"]).parameters["range_bias"].names == ("A", "B")
+
+
+def test_a_key_of_a_parameter_can_be_replaced():
+    """`dataclasses.replace` changes one key, and what else was chosen stays."""
+    choice = EstimateChoice(range_bias="all", range_bias_sigma_m=10.0, range_bias_per="link", clock=["A"])
+    looser = replace(choice, range_bias_sigma_m=20.0)
+    assert looser == EstimateChoice(
+        range_bias="all", range_bias_sigma_m=20.0, range_bias_per="link", clock=["A"]
+    )
+    free = replace(choice, range_bias_sigma_m=None)
+    assert free == EstimateChoice(range_bias="all", range_bias_per="link", clock=["A"])
+
+
+@pytest.mark.parametrize(
+    ("fields", "message"),
+    [
+        ({"hours": 0.0}, "hours: expected a number above zero"),
+        ({"start": 2460432.5}, "start: expected one epoch"),
+    ],
+)
+def test_choice_of_observations_is_checked(fields, message):
+    with pytest.raises(InputError, match=message):
+        ObservationChoice(**fields)

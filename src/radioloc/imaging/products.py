@@ -37,7 +37,6 @@ FILES = ("poses.csv", "tie_points.csv", "images.gpkg", "mosaic.tif", "rectified/
 """Names and patterns of the files."""
 
 _MAX_SIDE_CELLS = 4096  # of a map: 17 million cells; finer images have their own map
-_MOSAIC_MARGIN = 0.05  # part of its size that shows the map only
 _MIN_DRAWN_CELLS = 2  # on each side of an image
 _MIN_NEW_PART = 0.15  # change of scale, or motion as a part of the image, of an image that is drawn
 _TOLERANCE_PX = 0.1  # of rectified images: a third of the residuals of tie points
@@ -132,15 +131,13 @@ def track_deg(poses: Mapping[str, Any]) -> Floats:
 
 
 def lay_over(canvas: Image, valid: Mask, solution: MappedImages, grid: MapGrid) -> None:
-    """Draw images over a map in the cells of a grid, the finest on top, with the brightness of the map.
+    """Draw images finer than the map over it in the cells of a grid, the finest on top, with its brightness.
 
-    Images coarser than the map lie below it: they show the ground beyond its edges. `valid` selects the cells of the
-    map, at the end also those of images.
+    `valid` selects the cells of the map, at the end also those of images.
     """
     covered = np.zeros(canvas.shape, bool)
-    for frame in sorted(_distinct_frames(solution.registered), key=lambda frame: frame.pixel_m):
-        if frame.pixel_m > solution.base.resolution_m:
-            covered |= valid
+    finer = (frame for frame in solution.registered if frame.pixel_m < solution.base.resolution_m)
+    for frame in sorted(_distinct_frames([*finer]), key=lambda frame: frame.pixel_m):
         cells = np.column_stack(grid.cells(*outline(solution.registration.view(frame.name)).T))
         first = np.clip(np.floor(cells.min(axis=0)), 0, canvas.shape).astype(int)
         last = np.clip(np.ceil(cells.max(axis=0)) + 1, first, canvas.shape).astype(int)
@@ -181,11 +178,14 @@ def _rectified_frame(
 
 
 def _write_mosaic(solution: MappedImages, path: Path) -> None:
-    """Write the images over the base map."""
+    """Write the base map, as far as images show its ground, with the finer ones over it."""
     registration, frames = solution.registration, solution.registered
+    plane, (west, south, east, north) = registration.plane, solution.base.extent_m(registration.plane)
     angles = np.concatenate([outline(registration.view(frame.name)) for frame in frames])
+    shown_m = plane.from_longitude_latitude(np.degrees(angles))
+    angles = np.radians(plane.to_longitude_latitude(np.clip(shown_m, [west, south], [east, north])))
     finest_m = min(frame.pixel_m for frame in frames)
-    grid = _limited(lambda cell_m: map_grid(_projection(solution), angles, cell_m, _MOSAIC_MARGIN), finest_m)
+    grid = _limited(lambda cell_m: map_grid(_projection(solution), angles, cell_m), finest_m)
     canvas, valid = solution.base.on_grid(grid)
     lay_over(canvas, valid, solution, grid)
     _write_map(path, grid, canvas, valid)

@@ -150,17 +150,31 @@ class Registration:
         prior_sigmas = np.array([focal_sigma_part, k1_sigma])
         return self_calibration(self._ties, self._adjusted, np.array(cameras), prior_sigmas)
 
+    def radial_pattern(self) -> SelfCalibration:
+        """Estimate k1 of cameras with half of the diagonal of their images as focal length.
+
+        It is the displacement at the corners, as of unknown lens distortion, in units of half of the diagonal.
+        """
+        centres = np.array([image.centre for _, image in self._images.values()])
+        cameras = np.hypot(*centres.T)[:, np.newaxis, np.newaxis] * np.diag([1.0, 1.0, 0.0])
+        cameras[:, :2, 2], cameras[:, 2, 2] = centres, 1.0
+        return self_calibration(self._ties, self._adjusted, cameras, np.array([0.0, 1.0]))
+
     def calibrated_point(
         self, point: GroundPoint, calibration: SelfCalibration, name: str, pixel: ArrayLike
     ) -> GroundPoint:
         """Return the place of a pixel with estimated errors of the camera, and with their covariance."""
-        index, image = self._image(name)
-        undistorted = image.undistorted(np.asarray(pixel, dtype=np.float64)[np.newaxis])[0]
-        by_camera = calibration.place_partials(self._adjusted, index, undistorted)
+        by_camera = self.camera_partials(calibration, name, pixel)
         place = self.plane.from_longitude_latitude([[point.longitude_deg, point.latitude_deg]])
         shifted = self.plane.to_longitude_latitude(place + by_camera @ calibration.values)
         covariance = point.covariance_m2 + by_camera @ calibration.covariance @ by_camera.T
         return GroundPoint(float(shifted[0, 0]), float(shifted[0, 1]), covariance)
+
+    def camera_partials(self, calibration: SelfCalibration, name: str, pixel: ArrayLike) -> Floats:
+        """Return the partials of the place of a pixel with respect to both errors of the camera, m, shape (2, 2)."""
+        index, image = self._image(name)
+        undistorted = image.undistorted(np.asarray(pixel, dtype=np.float64)[np.newaxis])[0]
+        return calibration.place_partials(self._adjusted, index, undistorted)
 
     def tie_points(self) -> dict[str, Any]:
         """Return the tie points: one row for each image that shows one, and one for its place on the map.
@@ -308,30 +322,6 @@ class Registration:
     def _tied_m(self, index: int) -> Floats:
         """Return the places of the tie points of an image in the plane."""
         return self._adjusted.places_m[self._ties.point[self._used(index)]]
-
-    def radial_pattern_px(self) -> tuple[float, float]:
-        """Return the radial pattern of all residuals, as of lens distortion: pixels at the corners, and sigma.
-
-        It grows with the cube of the distance from the middle of an image, less the part that homographies absorb.
-        """
-        product = square = variance = count = 0.0
-        for index, image in self._images.values():
-            used = self._used(index)
-            from_middle = (self._ties.pixels[used] - image.centre) / float(np.hypot(*image.centre))
-            x, y = from_middle.T
-            ones, zeros = np.ones(len(x)), np.zeros(len(x))
-            # Derivatives by the parameters of a homography: linear and quadratic in the image.
-            by_samples = np.column_stack([ones, x, y, zeros, zeros, zeros, x * x, x * y])
-            by_lines = np.column_stack([zeros, zeros, zeros, ones, x, y, x * y, y * y])
-            absorbed = np.vstack([by_samples, by_lines])
-            pattern = (from_middle * (x**2 + y**2)[:, np.newaxis]).T.ravel()
-            pattern -= absorbed @ np.linalg.lstsq(absorbed, pattern, rcond=None)[0]
-            residual = self._adjusted.residuals_px[used].T.ravel()
-            product, square = product + float(pattern @ residual), square + float(pattern @ pattern)
-            variance, count = variance + float(residual @ residual), count + len(residual)
-        if not square:
-            return 0.0, float("inf")
-        return product / square, float(np.sqrt(variance / count / square))
 
     def _used(self, index: int) -> Mask:
         """Select the tie points of an image in the adjustment."""

@@ -8,10 +8,14 @@ weights W and a-priori variances S,
 
 The place of a pixel follows g by way of its image. A parameter is *estimated* if the images reduce its sigma to less
 than half of the a-priori sigma, otherwise *considered*. In both cases its error is part of the sigma of the place.
+
+Relief of ground taken as a plane displaces points radially, as k1 does, but not alike in all images. The parts of
+images in the right side, less those of a common g, have a scatter. If it exceeds that by W, W is divided by the ratio.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -60,15 +64,38 @@ def self_calibration(
 ) -> SelfCalibration:
     """Estimate both parameters from the residuals; those with a zero sigma are fixed."""
     patterns = _patterns(result, cameras, ties.image, ties.pixels - result.residuals_px)
-    parts = [absorbed(ties, result, pattern) for pattern in patterns]
+    steps, remaining = zip(*(absorbed(ties, result, pattern) for pattern in patterns), strict=True)
     weights = result.used / np.square(result.sigma_factors[0] * ties.sigma_px)
     scaled = prior_sigmas[:, np.newaxis, np.newaxis] * patterns * weights[:, np.newaxis]
-    remaining = prior_sigmas[:, np.newaxis, np.newaxis] * np.array([part for _, part in parts])
-    normal = np.einsum("inp,jnp->ij", scaled, remaining) + np.eye(2)
-    covariance = np.linalg.inv(0.5 * (normal + normal.T)) * np.outer(prior_sigmas, prior_sigmas)
+    normal = np.einsum("inp,jnp->ij", scaled, np.array(remaining)) * prior_sigmas
+    normal = 0.5 * (normal + normal.T)
     right = np.einsum("inp,np->i", scaled, result.residuals_px)
-    values = prior_sigmas * np.linalg.solve(normal, right)
-    return SelfCalibration(values, covariance, prior_sigmas, np.array([steps for steps, _ in parts]), cameras)
+    if not isinstance(result.model, Poses):
+        common = np.tensordot(prior_sigmas * np.linalg.solve(normal + np.eye(2), right), remaining, 1)
+        parts = (scaled * (result.residuals_px - common)).sum(axis=2)
+        ratio = max(
+            _scatter_ratio(np.bincount(ties.image, part, result.model.images).astype(float), float(variance))
+            for part, variance in zip(parts, np.diag(normal), strict=True)
+        )
+        normal, right = normal / ratio, right / ratio
+    covariance = np.linalg.inv(normal + np.eye(2)) * np.outer(prior_sigmas, prior_sigmas)
+    values = prior_sigmas * np.linalg.solve(normal + np.eye(2), right)
+    return SelfCalibration(values, covariance, prior_sigmas, np.array(steps), cameras)
+
+
+def _scatter_ratio(by_image: Floats, variance: float) -> float:
+    """Return the variance of the sum of parts of images by their scatter over that by noise, at least 1.
+
+    Neighbouring images show the same relief, so their parts are correlated (initial positive sequence, as on the map).
+    One image does not separate relief from the camera.
+    """
+    count = len(by_image)
+    if not variance > 0.0:
+        return 1.0
+    lags = np.correlate(by_image, by_image, "full")[count - 1 :]
+    lags *= np.logical_and.accumulate(lags > 0.0)
+    scatter = (2.0 * lags.sum() - lags[0]) / variance
+    return max(1.0, float(scatter) * count / (count - 1)) if count > 1 else math.inf
 
 
 def _patterns(result: Adjusted, cameras: Floats, image: Indices, pixels: Floats) -> Floats:

@@ -6,6 +6,8 @@ from functools import cache
 import cv2
 import numpy as np
 import pytest
+from image_chains import CENTRE, Chain
+from image_chains import drawn_ties as drawn_plane_ties
 from procedural_descents import Descent
 from procedural_ground import Ground
 
@@ -200,12 +202,17 @@ def test_pixels_far_beyond_the_tie_points_are_refused(terrain, base):
         result.ground_point("0", [160.0, -2000.0])
 
 
+def with_errors(ties, camera, focal_error, k1_error):
+    """Return tie points of a camera with errors of focal length and k1."""
+    from_axis = ties.pixels - camera[:2, 2]
+    radius2 = (from_axis**2).sum(axis=1, keepdims=True) / camera[0, 0] ** 2
+    return replace(ties, pixels=ties.pixels + from_axis * (focal_error + k1_error * radius2))
+
+
 def calibrated(terrain, seed, prior_sigmas=(0.02, 0.05), focal_error=0.0, k1_error=0.0):
     """Return calibration and adjustment of tie points of a camera with errors of focal length and k1."""
     ties, places = drawn_ties(terrain, np.random.default_rng(seed), 0.3, 2.0)
-    from_axis = ties.pixels - CAMERA.matrix[:2, 2]
-    radius2 = (from_axis**2).sum(axis=1, keepdims=True) / CAMERA.matrix[0, 0] ** 2
-    ties = replace(ties, pixels=ties.pixels + from_axis * (focal_error + k1_error * radius2))
+    ties = with_errors(ties, CAMERA.matrix, focal_error, k1_error)
     result = adjusted(terrain, ties, places)
     cameras = np.repeat(CAMERA.matrix[None], 6, axis=0)
     return self_calibration(ties, result, cameras, np.array(prior_sigmas)), result
@@ -224,6 +231,34 @@ def test_precise_calibration_is_considered_and_without_sigma_fixed(terrain):
     assert calibration.is_estimated == (False, False)
     assert calibration.sigmas == pytest.approx([1e-6, 0.0], rel=0.01)
     assert calibration.values[1] == 0.0
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_relief_of_ground_taken_as_a_plane_is_not_estimated_as_distortion(terrain, seed):
+    ties, places = drawn_ties(terrain, np.random.default_rng(seed), 0.3, 2.0)
+    matrices = homographies(ties, places)
+    plane = Homographies.of_matrices(matrices, np.full((6, 2), SIZE))
+    result = adjust(ties, plane, approximate_places(ties, matrices))
+    cameras = np.repeat(CAMERA.matrix[None], 6, axis=0)
+    calibration = self_calibration(ties, result, cameras, np.array([0.0, 0.02]))
+    assert not calibration.is_estimated[1]
+    assert abs(calibration.values[1]) < 2.0 * calibration.sigmas[1]
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_distortion_is_estimated_on_ground_that_is_a_plane(seed):
+    chain = Chain(images=10, map_below=4)
+    camera = np.array([[1000.0, 0.0, CENTRE[0]], [0.0, 1000.0, CENTRE[1]], [0.0, 0.0, 1.0]])
+    ties = drawn_plane_ties(chain, np.random.default_rng(seed), sigma_px=0.3, map_sigma_m=2.0)
+    result = chain.adjusted(with_errors(ties, camera, 0.0, 0.02))
+    calibration = self_calibration(
+        with_errors(ties, camera, 0.0, 0.02),
+        result,
+        np.repeat(camera[None], 10, axis=0),
+        np.array([0.0, 0.02]),
+    )
+    assert calibration.is_estimated[1]
+    assert abs(calibration.values[1] - 0.02) < 3.0 * calibration.sigmas[1] + 0.1 * 0.02
 
 
 def test_place_follows_the_focal_length(terrain):

@@ -19,7 +19,7 @@ def filter_grid(
     step_s: Floats, tau_s: Floats, stationary: Floats, gain: Floats, columns: Floats
 ) -> tuple[Floats, Floats]:
     """Log-determinants (s, cells), and products (s, m, m, cells), as :func:`gauss_markov.filtered`."""
-    (n, series, m), (p, _, cells), shapes = columns.shape, stationary.shape, len(tau_s)
+    (series, n, m), (p, _, cells), shapes = columns.shape, stationary.shape, len(tau_s)
     ratios = (cells - 1) // shapes
     log_determinant, products = np.zeros((series, cells)), np.zeros((series, m, m, cells))
     kalman, variance, innovation = np.empty((p, cells)), np.empty(cells), np.empty((m, cells))
@@ -27,18 +27,18 @@ def filter_grid(
         determinant, factor = np.ones(cells), np.zeros((p, cells))
         covariance, state = np.zeros((p, p, cells)), np.zeros((m, p, cells))
         for i in range(n):
-            if i > 0 and (i == 1 or step_s[i, k] != step_s[i - 1, k]):
+            if i > 0 and (i == 1 or step_s[k, i] != step_s[k, i - 1]):
                 for a in range(p):
                     for g in range(shapes):
-                        factor[a, g * ratios : (g + 1) * ratios] = math.exp(-step_s[i, k] / tau_s[g, a])
-            _update(factor, stationary[:, k], gain[i, k], covariance, kalman, variance)
+                        factor[a, g * ratios : (g + 1) * ratios] = math.exp(-step_s[k, i] / tau_s[g, a])
+            _update(factor, stationary[:, k], gain[k, i], covariance, kalman, variance)
             for g in range(cells):
                 determinant[g] *= variance[g]
             if i % _LOGARITHM_STEP == _LOGARITHM_STEP - 1 or i == n - 1:
                 for g in range(cells):
                     log_determinant[k, g] += math.log(determinant[g])
                     determinant[g] = 1.0
-            _innovate(factor, gain[i, k], kalman, columns[i, k], state, innovation)
+            _innovate(factor, gain[k, i], kalman, columns[k, i], state, innovation)
             _add_products(innovation, variance, products[k])
         for j in range(m):
             for c in range(j):

@@ -30,17 +30,15 @@ two noises has one covariance for both. Calibrate over drawn noise (`docs/valida
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from radioloc.estimation.linearization import gram
-from radioloc.noise.processes import recursions, transitions
 from radioloc.vectors import Floats, Indices, Mask
 
 RATIOS = np.logspace(-5.0, 3.0, 33)  # c / w that are tried
@@ -168,19 +166,16 @@ def half_products(
 
     With L the result, the product of columns A with the covariance is A^T L + L^T A.
     """
-    half = np.zeros(columns.shape)
-    widths_s = np.broadcast_to(width_s, len(noise)).tolist()
-    for k, (item, bin_s) in enumerate(zip(noise, widths_s, strict=True)):
-        part = slice(begin[k], begin[k + 1])
-        variance = item.coloured * mean_correlation(bin_s, item.tau_s)
-        lasting = variance > _MIN_PRODUCT_VARIANCE_FRACTION * variance.sum()
-        weights = 0.5 * (item.white - variance[lasting].sum() * gain[part] ** 2)
-        half[part] = weights[:, None] * columns[part]
-        if lasting.any():
-            decay, _ = transitions(step_s[part], variance[lasting], item.tau_s[lasting])
-            driven = recursions(decay, variance[lasting], gain[part, None] * columns[part])
-            half[part] += gain[part, None] * driven
-    return half
+    from radioloc.noise._kernels import half_products as compiled
+
+    variance, tau_s = np.zeros((2, len(noise), max((len(item.tau_s) for item in noise), default=0)))
+    for k, item in enumerate(noise):
+        variance[k, : len(item.tau_s)], tau_s[k, : len(item.tau_s)] = item.coloured, item.tau_s
+    tau_s[tau_s == 0.0] = 1.0  # of no process
+    variance *= mean_correlation(np.broadcast_to(width_s, len(noise))[:, None], tau_s)
+    variance[variance <= _MIN_PRODUCT_VARIANCE_FRACTION * variance.sum(axis=1, keepdims=True)] = 0.0
+    white = np.array([item.white for item in noise])
+    return np.asarray(compiled(begin, step_s, gain, white, variance, tau_s, np.ascontiguousarray(columns)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -237,44 +232,40 @@ def noise_of_series(
         for indices in groups.values()
         if length[indices].max() >= MIN_POINTS_LEFT
     ]
-    long_likelihoods = [series.select(series.points_left >= MIN_POINTS_LEFT) for series in likelihoods]
-    long_likelihoods = [series for series in long_likelihoods if series.data]
-    for likelihood in long_likelihoods:
-        threshold = -math.log(_SIGNIFICANCE_LEVEL / len(long_likelihoods))
-        fitted = _fitted(likelihood, threshold)
-        noise |= _averaged(likelihood) if not fitted and not significant else fitted
+    likelihoods = [likelihood for likelihood in likelihoods if len(likelihood.indices)]
+    for likelihood in likelihoods:
+        threshold, tau_s = -math.log(_SIGNIFICANCE_LEVEL / len(likelihoods)), _trial_taus_s(likelihood)
+        fitted = _fitted(likelihood, tau_s, threshold)
+        noise |= _averaged(likelihood, tau_s) if not fitted and not significant else fitted
     noise |= _adopted_noise(
-        points, long_likelihoods, {k: item for k, item in noise.items() if item.is_significant}
+        points, likelihoods, {k: item for k, item in noise.items() if item.is_significant}
     )
     return {points.series[k].key: noise for k, noise in noise.items()}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _SeriesColumns:
-    """Points of a series, n, and the partials that are projected out."""
-
-    number: int  # which of the series
-    step_s: Floats  # (n,)
-    gain: Floats  # (n,)
-    columns: Floats  # (n, r + 1), of coefficients of unit variance, the residuals last
-    turned: Floats  # (r, m), from the m coefficients that all series have in common to these
-    absorbed: float  # points that the parameters take
-    inside: float  # squares of the deviations of observations from the means of their bins
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class RestrictedLikelihood:
-    """Restricted likelihood of the noise of series, of each and of all together, over that of white noise."""
+    """Restricted likelihood of the noise of s series, of each and of all together, over that of white noise.
+
+    A series of fewer than n points ends in points without effect.
+    """
 
     points: Points
-    data: tuple[_SeriesColumns, ...]
     jointly: bool
+    indices: Indices  # (s,), which of the series
+    step_s: Floats  # (s, n)
+    gain: Floats  # (s, n)
+    columns: Floats  # (s, n, r + 1), partials that are projected out, of unit variance, the residuals last
+    turned: Floats  # (s, r + 1, m + 1), from the m coefficients that all series have in common to these
+    absorbed: Floats  # (s,), points that the parameters take
+    bin_squares: Floats  # (s,), squares of the deviations of observations from the means of their bins
+    binned: Floats  # (s,), observations less points
 
     @classmethod
     def from_points(
         cls, points: Points, series_indices: Indices, sigmas: float | Floats, *, jointly: bool = True
     ) -> RestrictedLikelihood:
-        """Likelihood of some series; parameters have sigmas (q,), combinations without effect are left out."""
+        """Likelihood of those of some series with enough points left, by the sigmas (q,) of parameters."""
         of_series = [points.series_slice(k) for k in series_indices.tolist()]
         scaled = [points.unit[part] * sigmas for part in of_series]
         grams = np.array([gram(series_effects, series_effects) for series_effects in scaled])
@@ -283,42 +274,36 @@ class RestrictedLikelihood:
         effects = axes.T @ grams @ axes
         series_squares, series_axes = np.linalg.eigh(effects)
         max_columns = int((series_squares > _MIN_SERIES_CHI2).sum(axis=1).max(initial=0))
-        turned = np.swapaxes(series_axes[:, :, len(axes.T) - max_columns :], 1, 2)
         absorbed = np.trace(np.linalg.solve(np.eye(effects.shape[1]) + effects, effects), axis1=1, axis2=2)
-        data = []
-        for k, part, series_effects, to_series, absorbed_points in zip(
-            series_indices.tolist(), of_series, scaled, turned, absorbed.tolist(), strict=True
-        ):
-            residual = points.residual[part]
-            columns = np.column_stack([series_effects @ (axes @ to_series.T), residual])
-            within_bins = max(float(points.squares[k] - residual @ residual), 0.0)
-            data.append(
-                _SeriesColumns(
-                    k,
-                    points.step_s[part],
-                    points.gain[part],
-                    columns,
-                    to_series,
-                    absorbed_points,
-                    within_bins,
-                )
-            )
-        return cls(points, tuple(data), jointly)
+        length = np.diff(points.begin)[series_indices]
+        is_long = (length - absorbed >= MIN_POINTS_LEFT) & (points.squares[series_indices] > 0.0)
+        long = np.flatnonzero(is_long).tolist()
+        turned = np.zeros((len(long), max_columns + 1, axes.shape[1] + 1))
+        turned[:, :-1, :-1] = np.swapaxes(series_axes[is_long, :, axes.shape[1] - max_columns :], 1, 2)
+        turned[:, -1, -1] = 1.0  # residuals stay
+        step_s, gain = np.zeros((2, len(long), length[is_long].max(initial=0)))
+        columns = np.zeros((*gain.shape, max_columns + 1))
+        for k, number in enumerate(long):
+            part, n = of_series[number], length[number]
+            step_s[k, :n], gain[k, :n] = points.step_s[part], points.gain[part]
+            columns[k, :n, :-1] = scaled[number] @ (axes @ turned[k, :-1, :-1].T)
+            columns[k, :n, -1] = points.residual[part]
+        indices = series_indices[is_long]
+        bin_squares = np.maximum(points.squares[indices] - np.square(columns[..., -1]).sum(axis=1), 0.0)
+        binned = points.count[indices] - length[is_long]
+        return cls(
+            points, jointly, indices, step_s, gain, columns, turned, absorbed[is_long], bin_squares, binned
+        )
 
-    @property
-    def indices(self) -> Indices:
-        """Indices of the series."""
-        return np.array([item.number for item in self.data], dtype=np.intp)
-
-    def select(self, mask: Mask) -> RestrictedLikelihood:
+    def select(self, some: Mask | slice) -> RestrictedLikelihood:
         """Likelihood of some of these series."""
-        return replace(self, data=tuple(itertools.compress(self.data, mask)))
+        arrays = (getattr(self, item.name)[some] for item in fields(self)[2:])
+        return RestrictedLikelihood(self.points, self.jointly, *arrays)
 
     @property
-    def points_left(self) -> Floats:
-        """Points of each series less those that the parameters absorb, (s,); zero for residuals of zero."""
-        counts = np.array([len(item.step_s) - item.absorbed for item in self.data])
-        return np.where(self.points.squares[self.indices] > 0.0, counts, 0.0)
+    def spans_s(self) -> Floats:
+        """Durations of the series, s, gaps included, (s,)."""
+        return self.step_s.sum(axis=1)
 
     def evaluate(
         self, tau_s: Floats, ratio: Floats, part: Floats | None = None
@@ -333,52 +318,42 @@ class RestrictedLikelihood:
         if part is None:
             tau_s = tau_s[:, None]
             part = np.ones(tau_s.shape)
-        elements = max(item.columns.size for item in self.data) * (len(tau_s) * len(ratio) + 1)
+        elements = self.columns[0].size * (len(tau_s) * len(ratio) + 1)
         at_once = max(1, _MAX_STACK_ELEMENTS // elements)
-        stacks = [self.data[k : k + at_once] for k in range(0, len(self.data), at_once)]
-        filtered = [self._products(items, tau_s, part, ratio) for items in stacks]
-        log_determinant, products = map(np.concatenate, zip(*filtered, strict=True))
-        count = self.points.count[self.indices][:, None]
-        absorbed = np.array([item.absorbed for item in self.data])[:, None]
+        stacks = [self.select(slice(k, k + at_once)) for k in range(0, len(self.indices), at_once)]
+        products_of_stacks = [stack._products(tau_s, part, ratio) for stack in stacks]
+        log_determinant, products = map(np.concatenate, zip(*products_of_stacks, strict=True))
+        count, absorbed = self.points.count[self.indices][:, None], self.absorbed[:, None]
         dof = count - absorbed
         series_log_determinant, squares = _eliminated(products)
         white = squares / dof
-        log = -0.5 * (dof * np.log(white) + log_determinant + series_log_determinant)
+        log_white = np.log(white)
+        log = -0.5 * (dof * log_white + log_determinant + series_log_determinant)
         log = log[:, :-1] - log[:, -1:]
-        log_variance = (np.log(white) - series_log_determinant / np.maximum(absorbed, 1.0))[:, :-1]
+        log_variance = (log_white - series_log_determinant / np.maximum(absorbed, 1.0))[:, :-1]
         if not self.jointly:
             return log, white[:, :-1], log.sum(axis=0), log_variance
         in_common = np.zeros(1)
-        for item, series_products, variance in zip(self.data, products, white, strict=True):
-            turned = np.pad(item.turned, ((0, 1), (0, 1)))  # residuals stay
-            turned[-1, -1] = 1.0
-            in_common = in_common + turned.T @ series_products @ turned / variance[:, None, None]
+        for turned, series_products, variance in zip(self.turned, products, white, strict=True):
+            in_common = in_common + turned.T @ (series_products / variance[:, None, None]) @ turned
         shared, squares = _eliminated(in_common)
-        joint = -0.5 * ((count * np.log(white) + log_determinant).sum(axis=0) + shared + squares)
+        joint = -0.5 * ((count * log_white + log_determinant).sum(axis=0) + shared + squares)
         return log, white[:, :-1], joint[:-1] - joint[-1], log_variance
 
-    def _products(
-        self, items: Sequence[_SeriesColumns], tau_s: Floats, part: Floats, ratio: Floats
-    ) -> tuple[Floats, Floats]:
+    def _products(self, tau_s: Floats, part: Floats, ratio: Floats) -> tuple[Floats, Floats]:
         """Log-determinants of V over w (s, cells + 1), and products of columns by its inverse, (s, cells + 1, m, m)."""
-        numbers, lengths = [item.number for item in items], [len(item.step_s) for item in items]
-        mean = part * mean_correlation(self.points.width_s[numbers][:, None, None], tau_s)
+        width_s = self.points.width_s[self.indices]
+        mean = part * mean_correlation(width_s[:, None, None], tau_s)
         # Within a bin a process acts as white noise.
-        white_variance = np.ones((len(items), part.shape[0] * len(ratio) + 1))
-        white_variance[:, :-1] += ((1.0 - mean.sum(axis=2))[..., None] * ratio).reshape(len(items), -1)
+        white_variance = np.ones((len(width_s), part.shape[0] * len(ratio) + 1))
+        white_variance[:, :-1] += ((1.0 - mean.sum(axis=2))[..., None] * ratio).reshape(len(width_s), -1)
         variance = np.zeros((part.shape[1], *white_variance.shape))
         variance[..., :-1] = (np.moveaxis(mean, 2, 0)[..., None] * ratio).reshape(*variance.shape[:2], -1)
-        # Shorter series end in points without effect.
-        step_s, gain = np.zeros((2, max(lengths), len(items)))
-        columns = np.zeros((*gain.shape, items[0].columns.shape[1]))
-        for k, (item, n) in enumerate(zip(items, lengths, strict=True)):
-            step_s[:n, k], gain[:n, k], columns[:n, k] = item.step_s, item.gain, item.columns
         log_determinant, products = filtered(
-            step_s, tau_s, variance, gain, columns, compiled=self.points.compiled
+            self.step_s, tau_s, variance, self.gain, self.columns, compiled=self.points.compiled
         )
-        further = self.points.count[numbers] - lengths
-        log_determinant += further[:, None] * np.log(white_variance)
-        products[..., -1, -1] += np.array([item.inside for item in items])[:, None] / white_variance
+        log_determinant += self.binned[:, None] * np.log(white_variance)
+        products[..., -1, -1] += self.bin_squares[:, None] / white_variance
         return log_determinant, products
 
 
@@ -387,7 +362,7 @@ def filtered(
 ) -> tuple[Floats, Floats]:
     """Log-determinants of covariances (s, cells), and products of columns by their inverses, (s, cells, m, m).
 
-    Kalman filter of s series (n, s) for many noise models at once: cells, the last axis. Observations are
+    Kalman filter of s series (s, n) for many noise models at once: cells, the last axis. Observations are
     gain_i s_i + e_i, with e_i white of unit variance and s a sum of p first-order Gauss-Markov processes with the
     correlation times (shapes, p), each shape for equally many cells, and variances (p, s, cells). Compiled it takes a
     tenth of the time, but the compiler takes that of a small study to load and three times as long the first time.
@@ -397,12 +372,12 @@ def filtered(
 
         log_determinant, products = filter_grid(step_s, tau_s, stationary, gain, columns)
         return np.asarray(log_determinant), np.moveaxis(products, -1, 1)
-    (n, s, m), (p, _, cells), shapes = columns.shape, stationary.shape, len(tau_s)
+    (s, n, m), (p, _, cells), shapes = columns.shape, stationary.shape, len(tau_s)
     decay = np.zeros((n, p, s, cells))  # in the last cell, white noise, and before the first point
-    factors = np.exp(-step_s[1:, None, :, None] / tau_s.T[:, None])
+    factors = np.exp(-step_s.T[1:, None, :, None] / tau_s.T[:, None])
     decay[1:, ..., :-1] = np.repeat(factors, (cells - 1) // shapes, axis=-1)
     added = stationary * (1.0 - decay**2)
-    gain, columns = gain[..., None], np.moveaxis(columns, 2, 1)[..., None]
+    gain, columns = gain.T[..., None], np.moveaxis(columns, 0, 2)[..., None]
     covariance, state = np.zeros((p, p, s, cells)), np.zeros((m, p, s, cells))
     own_variance = covariance.reshape(p * p, s, cells)[:: p + 1]
     variance, innovation = np.empty((n, s, cells)), np.empty((n, m, s, cells))
@@ -501,25 +476,23 @@ class _Cells:
         }
 
 
-def _observations_per(tau_s: float, points: Points, indices: Indices) -> float:
+def _observations_per(tau_s: float, likelihood: RestrictedLikelihood) -> float:
     """Mean number of observations of some series in a time, gaps included."""
-    spans_s = [float(points.step_s[points.series_slice(k)].sum()) for k in indices]
-    return float(points.count[indices].sum()) * tau_s / sum(spans_s)
+    return float(likelihood.points.count[likelihood.indices].sum() * tau_s / likelihood.spans_s.sum())
 
 
 def _log_density_of_tau(likelihood: RestrictedLikelihood, tau_s: Floats) -> Floats:
     """Logarithm of the a-priori density of the logarithm of correlation times; zero for sparse series."""
-    if _observations_per(_TYPICAL_TAU_S, likelihood.points, likelihood.indices) < _MIN_OBSERVATIONS_PER_TAU:
+    if _observations_per(_TYPICAL_TAU_S, likelihood) < _MIN_OBSERVATIONS_PER_TAU:
         return np.zeros(len(tau_s))
     return np.asarray(-0.5 * (np.log(tau_s / _TYPICAL_TAU_S) / _LOG_TAU_SIGMA) ** 2)
 
 
-def _averaged(likelihood: RestrictedLikelihood) -> dict[int, SeriesNoise]:
+def _averaged(likelihood: RestrictedLikelihood, tau_s: Floats) -> dict[int, SeriesNoise]:
     """Mean noise of the series of a group without significant correlation; none of sparse series."""
-    points, indices = likelihood.points, likelihood.indices
-    if _observations_per(_TYPICAL_TAU_S, points, indices) < _MIN_OBSERVATIONS_PER_TAU:
+    if _observations_per(_TYPICAL_TAU_S, likelihood) < _MIN_OBSERVATIONS_PER_TAU:
         return {}
-    tau_s = _trial_taus_s(points, indices)[::_COARSE_TAU_STEP]
+    tau_s = tau_s[::_COARSE_TAU_STEP]
     ratios = RATIOS[RATIOS > _MIN_AVERAGED_RATIO][::_AVERAGED_RATIO_STEP]
     _, white, joint, log_variance = likelihood.evaluate(tau_s, ratios)
     log_density = np.repeat(_log_density_of_tau(likelihood, tau_s), len(ratios))
@@ -530,12 +503,10 @@ def _averaged(likelihood: RestrictedLikelihood) -> dict[int, SeriesNoise]:
     return cells.mean_noise(likelihood, joint, white, log_variance, is_significant=False)
 
 
-def _fitted(likelihood: RestrictedLikelihood, threshold: float) -> dict[int, SeriesNoise]:
+def _fitted(likelihood: RestrictedLikelihood, tau_s: Floats, threshold: float) -> dict[int, SeriesNoise]:
     """Noise of each series of a group; none where the group shows no correlation."""
     from scipy.linalg import block_diag
 
-    points, indices = likelihood.points, likelihood.indices
-    tau_s = _trial_taus_s(points, indices)
     coarse_taus_s, coarse_ratios = tau_s[::_COARSE_TAU_STEP], RATIOS[::_COARSE_RATIO_STEP]
     _, _, joint, _ = likelihood.evaluate(coarse_taus_s, coarse_ratios)
     if joint.max() < 0.5 * threshold - 1.0:
@@ -547,7 +518,7 @@ def _fitted(likelihood: RestrictedLikelihood, threshold: float) -> dict[int, Ser
         slice(max(0, int(at.min() - 1) * step), int(at.max() + 1) * step + 1)
         for at, step in ((at_tau, _COARSE_TAU_STEP), (at_ratio, _COARSE_RATIO_STEP))
     )
-    taus_of_flicker_s, part = _flicker_shape(points, indices, tau_s[0])
+    taus_of_flicker_s, part = _flicker_shape(likelihood, tau_s[0])
     wider = slice(
         max(0, ratios.start - _COARSE_RATIO_STEP), ratios.stop + _COARSE_RATIO_STEP, _FLICKER_RATIO_STEP
     )
@@ -555,7 +526,7 @@ def _fitted(likelihood: RestrictedLikelihood, threshold: float) -> dict[int, Ser
     # Either is as likely before: cells of both have the same weight together.
     odds = math.log(float(np.exp(density).sum()) * _FLICKER_RATIO_STEP)
     best_tau_s = float(coarse_taus_s[best // len(coarse_ratios)])
-    if _observations_per(best_tau_s, points, indices) < _MIN_OBSERVATIONS_PER_TAU:
+    if _observations_per(best_tau_s, likelihood) < _MIN_OBSERVATIONS_PER_TAU:
         odds = -math.inf
     tau_s, density, ratio, flicker_ratio = tau_s[taus], density[taus], RATIOS[ratios], RATIOS[wider]
     tried = [likelihood.evaluate(tau_s, ratio), likelihood.evaluate(taus_of_flicker_s, flicker_ratio, part)]
@@ -576,22 +547,23 @@ def _fitted(likelihood: RestrictedLikelihood, threshold: float) -> dict[int, Ser
     return cells.mean_noise(likelihood, joint, white, log_variance, is_significant=True)
 
 
-def _flicker_shape(points: Points, indices: Indices, least_s: float) -> tuple[Floats, Floats]:
+def _flicker_shape(likelihood: RestrictedLikelihood, least_s: float) -> tuple[Floats, Floats]:
     """Correlation times, up to the longest span, and shares of processes that add up to flicker noise, both (1, p)."""
-    span_s = _MAX_FLICKER_SPANS * max(float(points.step_s[points.series_slice(k)].sum()) for k in indices)
+    span_s = _MAX_FLICKER_SPANS * float(likelihood.spans_s.max())
     p = math.ceil(math.log10(max(span_s / least_s, 10.0)) / _FLICKER_STEP_DECADES) + 1
     tau_s = np.logspace(math.log10(least_s), math.log10(max(span_s, 10.0 * least_s)), p)
     return tau_s[None], np.full((1, p), 1.0 / p)
 
 
-def _trial_taus_s(points: Points, indices: Indices) -> Floats:
+def _trial_taus_s(likelihood: RestrictedLikelihood) -> Floats:
     """Correlation times that are tried for a group, s, from a step to half the longest span."""
-    steps_s = [points.step_s[points.series_slice(k)] for k in indices]
     least_s = min(
         width_s or float(np.median(step_s[step_s > 0.0]))
-        for width_s, step_s in zip(points.width_s[indices].tolist(), steps_s, strict=True)
+        for width_s, step_s in zip(
+            likelihood.points.width_s[likelihood.indices].tolist(), likelihood.step_s, strict=True
+        )
         if step_s.any()
     )
-    most_s = max(0.5 * max(float(step_s.sum()) for step_s in steps_s), 2.0 * least_s)
+    most_s = max(0.5 * float(likelihood.spans_s.max()), 2.0 * least_s)
     steps = math.ceil(math.log10(most_s / least_s) / _TAU_STEP_DECADES)
     return np.asarray(least_s * (most_s / least_s) ** (np.arange(steps + 1) / steps))

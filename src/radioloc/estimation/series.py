@@ -236,7 +236,8 @@ def binned_partials(series: IndependentSeries, rows_of: RowsOf) -> Floats:
             chosen, weight = _sampled(bin_of[:, 0])
             sample = structure.select(np.arange(len(structure.rows))[part][chosen])
             values = sample.whiten(slice(None), rows_of(sample.rows.ravel()))
-            values *= np.repeat(weight, rows.shape[1])[:, None]
+            if weight.max() > 1.0:
+                values *= np.repeat(weight, rows.shape[1])[:, None]
             bin_of = bin_of[chosen]
         else:
             values = structure.whiten(part, rows_of(rows.ravel()))

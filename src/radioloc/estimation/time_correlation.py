@@ -67,6 +67,7 @@ from radioloc.estimation.series import (
     independent_series,
     points_of,
 )
+from radioloc.measurements.predictor import ROWS_AT_ONCE
 from radioloc.noise.whitening import column
 from radioloc.vectors import Floats, Indices
 
@@ -92,7 +93,7 @@ def assess_time_correlation(
     series = independent_series(order, fit.noise, fit.used) if series is None else series
     q = root.shape[1]
     points, free = points_of(series, column(fit.residual_m)), fit.parameters.free
-    partials = binned_partials(series, lambda rows: fit.linearization.partials(rows)[:, free])
+    partials = binned_partials(series, fit.linearization.partials)[:, free]
     is_trial = isinstance(fit.linearization, OrthonormalLinearization)
     points = replace(points, unit=matrix_product(partials, root), compiled=is_trial)
     noise = noise_of_series(*_without_considered(fit, points, partials), significant=False)
@@ -237,22 +238,33 @@ def _with_covariances(
     directions = directions_of_rows(root[~fit.parameters.considered[free]])
     prior = (root / fit.parameters.prior_sigmas[free, None]) @ directions
     whitened, series = np.concatenate(list(fit.whitened_unit_partials(directions))), noise.series
-    weighted = noise.weighted([whitened])
+    weighted = noise.filter.adjoint(whitened)
     unit = prior.T @ prior + gram(weighted, weighted)
-    added, information, variances = np.zeros_like(unit), dict[str, Floats](), dict[str, list[float]]()
+    added, rows_of_group, variances = (
+        np.zeros_like(unit),
+        dict[str, list[Indices]](),
+        dict[str, list[float]](),
+    )
     names = {weight.name for weight in weights}
-    for item, rows in zip(series.series, series.of_each, strict=True):
-        process, step_s = correlation.noise.get(item.key, NO_NOISE), np.diff(series.time_s[rows], prepend=0.0)
-        columns, lengths = weighted[rows], np.array([len(rows)])
-        half = half_products([process], np.append(0, lengths), step_s, np.ones(len(rows)), columns)
-        added += _added(columns, half, [process], lengths)
+    processes = [correlation.noise.get(item.key, NO_NOISE) for item in series.series]
+    for item, process, rows in zip(series.series, processes, series.of_each, strict=True):
         group = item.shared or item.group
-        of_series = whitened[rows]
-        information[group] = information.get(group, 0.0) + gram(of_series, of_series)
+        rows_of_group.setdefault(group, []).append(rows)
         if process.is_significant and (item.shared or item.name) in names:
             variances.setdefault(group, []).append(process.log_variance)
     for group, variance in variances.items():
-        added += 2.0 * np.mean(variance) * (information[group] - information[group] @ information[group])
+        of_group = whitened[np.concatenate(rows_of_group[group])]
+        information = gram(of_group, of_group)
+        added += 2.0 * np.mean(variance) * (information - information @ information)
+    # Small series together, large ones one by one, so that their columns need little memory.
+    lengths = np.array([len(rows) for rows in series.of_each])
+    cuts = np.flatnonzero(np.diff(np.cumsum(lengths) // ROWS_AT_ONCE)) + 1
+    for some in np.split(np.arange(len(lengths)), cuts):
+        rows = np.concatenate([series.of_each[k] for k in some])
+        of_some, columns, begin = [processes[k] for k in some], weighted[rows], np.cumsum(lengths[some])
+        step_s = np.diff(series.time_s[rows], prepend=0.0)
+        half = half_products(of_some, np.append(0, begin), step_s, np.ones(len(rows)), columns)
+        added += _added(columns, half, of_some, lengths[some])
     unit = np.eye(len(directions)) + directions @ (unit - np.eye(len(unit))) @ directions.T
     fit = replace(fit, covariance=covariance_matrix(fit.factor, fit.parameters, unit))
     added_covariance = in_parameter_units(directions @ added @ directions.T, fit)

@@ -5,10 +5,9 @@ Stations A, B and C see the toy Moon for 10 h in 24.8 over 48 h, each with a ran
 
 import numpy as np
 import pytest
-from toy_moon import EPOCH_JD, LANDER_M, ToyMoon
+from toy_moon import EPOCH_JD, LANDER_M, ToyMoon, assessed_fit, solution_of
 
 from radioloc.estimation.variance_components import fit_with_variance_components
-from radioloc.results.build import build_solution
 from radioloc.simulation.noise import gauss_markov
 from radioloc.time import Epochs
 
@@ -39,7 +38,7 @@ def solution(n, coloured_m, tau_h, seed):
     edited = fit_with_variance_components(
         model.residual_function(observed_m), parameters, WHITE_M, status=status
     )
-    return build_solution(
+    assessed = assessed_fit(
         edited,
         position_pa_m=edited.fit.x[:3],
         position_partials=np.eye(3, len(parameters)),
@@ -52,6 +51,7 @@ def solution(n, coloured_m, tau_h, seed):
         type=["range"] * n,
         observed_m=observed_m,
     )
+    return solution_of(assessed)
 
 
 def held(n, coloured_m, tau_h):

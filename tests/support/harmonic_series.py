@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from toy_moon import assessed_fit, solution_of
 
 from radioloc.estimation import Labels, Parameter, ParameterSet
 from radioloc.estimation.series import SeriesOrder
 from radioloc.estimation.variance_components import fit_with_variance_components
 from radioloc.results import Solution
-from radioloc.results.build import build_solution
 from radioloc.time import Epochs
 
 
@@ -70,7 +70,7 @@ def solved(series: Series) -> Solution:
     types = Labels(np.zeros(n, dtype=np.int32), ("range",))
     order = SeriesOrder.from_labels(types, paths, np.linspace(0.0, 2.0 * 86400.0, n))
     fit = fit_with_variance_components(series.linearize, series.parameters, series.sigma_m, order=order)
-    return build_solution(
+    assessed = assessed_fit(
         fit,
         position_pa_m=np.array([1.7e6, 0.0, 0.0]),
         position_partials=np.eye(3, series.p),
@@ -83,3 +83,4 @@ def solved(series: Series) -> Solution:
         type=types,
         observed_m=series.observed_m,
     )
+    return solution_of(assessed)

@@ -13,9 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.estimation import Parameter, ParameterSet
-from radioloc.estimation.editing import fit_with_editing
+from radioloc.estimation.editing import EditedFit, fit_with_editing
+from radioloc.estimation.series import SeriesOrder, seconds_since_midnight
+from radioloc.estimation.statistics import Residuals
+from radioloc.jobs.verdict import decide_status
+from radioloc.labels import Labels
 from radioloc.results import Solution
-from radioloc.results.build import build_solution, compare_with
+from radioloc.results.build import AssessedFit, assess_fit, compare_with
 from radioloc.time import Epochs
 
 STATIONS = {"A": (0.57, -1.85), "B": (0.76, 0.12), "C": (0.71, 0.29)}  # latitude, longitude, rad
@@ -83,7 +87,34 @@ class ToyMoon:
 EPOCH_JD = 2456650.5
 
 
-def toy_solution(
+def assessed_fit(
+    edited: EditedFit, *, count_s: Any = None, elevation_deg: Any = None, **fields: Any
+) -> AssessedFit:
+    """Assess a fit from columns of its observations and fields of its estimate."""
+    epoch_utc = fields.pop("epoch_utc")
+    stations, types, paths = (Labels.from_texts(fields.pop(name)) for name in ("station", "type", "path"))
+    residuals = Residuals(
+        epoch_utc=epoch_utc,
+        stations=stations,
+        types=types,
+        paths=paths,
+        observed_m=fields.pop("observed_m"),
+        residual_m=edited.fit.residual_m,
+        sigma_m=edited.fit.sigma_m,
+        elevation_deg=elevation_deg,
+        count_s=count_s,
+        statuses=edited.status,
+    )
+    order = SeriesOrder.from_labels(types, paths, seconds_since_midnight(epoch_utc))
+    return assess_fit(edited, order, residuals, **fields)
+
+
+def solution_of(assessed: AssessedFit) -> Solution:
+    """Return the solution of a fit whose targets leave no doubts."""
+    return assessed.solution(*decide_status(assessed, ()))
+
+
+def toy_fit(
     model: ToyMoon,
     *,
     sigma_m: float = 0.3,
@@ -93,11 +124,9 @@ def toy_solution(
     bias_sigma_m: float = np.inf,
     parameters: ParameterSet | None = None,
     seed: int = 1,
-    reference_pa_m: NDArray[np.float64] | None = None,
-    reference_name: str = "reference",
     **fields: Any,
-) -> Solution:
-    """Return a solution from simulated observations of :data:`LANDER_M` with normal noise and no biases."""
+) -> AssessedFit:
+    """Return a fit of simulated observations of :data:`LANDER_M` with normal noise and no biases."""
     n = len(model.time_s)
     truth = np.concatenate([LANDER_M, np.zeros(len(model.biased))])
     observed_m = model.ranges(truth)[0] + noise_factor * sigma_m * np.random.default_rng(seed).normal(size=n)
@@ -120,7 +149,18 @@ def toy_solution(
         "observed_m": observed_m,
         "name": "toy lander",
     }
-    solution = build_solution(edited, **(options | fields))
+    return assessed_fit(edited, **(options | fields))
+
+
+def toy_solution(
+    model: ToyMoon,
+    *,
+    reference_pa_m: NDArray[np.float64] | None = None,
+    reference_name: str = "reference",
+    **options: Any,
+) -> Solution:
+    """Return the solution of :func:`toy_fit`, compared with a reference."""
+    solution = solution_of(toy_fit(model, **options))
     if reference_pa_m is None:
         return solution
     return replace(solution, reference=compare_with(solution, reference_pa_m, reference_name))

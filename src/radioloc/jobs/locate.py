@@ -14,19 +14,22 @@ import logging
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.errors import InputError
 from radioloc.estimation.consider import UnestimatedErrors
+from radioloc.estimation.consistency_results import Consistency, ConsistencyTest
 from radioloc.estimation.editing import EditedFit, fit_with_editing, with_reasons
 from radioloc.estimation.phase_editing import PhaseCounts, phase_faults
+from radioloc.estimation.statistics import Residuals
 from radioloc.estimation.status import Doubt, FitStatus
 from radioloc.estimation.time_correlation import fit_with_correlated_weights
 from radioloc.estimation.variance_components import fit_with_variance_components
 from radioloc.jobs.error_columns import GravityErrorOrbits, orbit_state
-from radioloc.jobs.mistakes import axes_mistakes, with_mistake
+from radioloc.jobs.mistakes import axes_mistakes, find_mistake
 from radioloc.jobs.notes import model_limitations, provenance, study_notes
 from radioloc.jobs.one_thread import on_one_blas_thread
 from radioloc.jobs.orbit_start import initial_orbit
@@ -35,8 +38,9 @@ from radioloc.jobs.problem import EstimationProblem
 from radioloc.jobs.stochastic import StochasticProblem
 from radioloc.jobs.verdict import (
     coordinate_doubts,
-    mark_if_unobservable,
+    decide_status,
     misfits,
+    residuals_fit,
     search_hints,
     with_considered,
 )
@@ -47,12 +51,14 @@ from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.predictor import Predictor, blocks
 from radioloc.measurements.target_motion import Motions, positions_pa_m
 from radioloc.progress import step
-from radioloc.results.build import build_solution, compare_with
-from radioloc.results.solution import Solution, TargetPosition
+from radioloc.results.build import AssessedFit, assess_fit, compare_with
+from radioloc.results.estimate import LocatedEstimate, TargetPosition
+from radioloc.results.solution import Solution
 from radioloc.study.study import EstimateChoice, Study
 from radioloc.study.study_file import as_study
 from radioloc.targets.design import ObservationModel
 from radioloc.targets.doubts import FittedObservations
+from radioloc.targets.orbit_state import OrbitState
 from radioloc.vectors import Floats, Mask
 
 logger = logging.getLogger(__name__)
@@ -110,43 +116,33 @@ def compute_residuals(
 
 @on_one_blas_thread()
 def fit_arc(
-    study: Study,
-    predictor: Predictor,
-    not_selected: dict[str, int],
-    estimate: EstimateChoice | None,
-    *,
-    consistency: bool = True,
+    study: Study, predictor: Predictor, not_selected: dict[str, int], estimate: EstimateChoice | None
 ) -> Solution:
-    """Fit a prepared arc; without `estimate` nothing is estimated, without `consistency` no group is tested."""
-    return solve(
-        EstimationProblem.from_study(study, predictor, estimate), not_selected, consistency=consistency
-    )
+    """Fit a prepared arc; without `estimate` nothing is estimated."""
+    return solve(EstimationProblem.from_study(study, predictor, estimate), not_selected)
 
 
 @on_one_blas_thread()
 def solve(problem: EstimationProblem, not_selected: dict[str, int], *, consistency: bool = True) -> Solution:
     """Fit a problem and build its solution; `not_selected` counts observations of the files by reason."""
-    status, codes = usability(problem.predictor, problem.prior_motions)
-    with step(f"fitting {len(problem.predictor.observations)} observations"):
-        edited, stochastic = _estimate(problem, status, codes)
-    model = problem.model if stochastic is None else stochastic.with_process
-    logger.info(
-        "fitted %d parameters to %d of %d observations",
-        model.parameters.free.sum(),
-        edited.fit.used.sum(),
-        len(problem.predictor.observations),
-    )
-    # The effects of gravity errors on an orbit take seconds; the parameters' sigmas and those over the arc share them.
-    orbits = problem.orbits_with_gravity_errors(edited.fit.x)
-    if problem.choice is not None and problem.choice.weights == "correlated":
-        edited = fit_with_correlated_weights(model.linearize, edited, problem.order)
-    unadjusted = problem.unadjusted_errors(model, edited.fit.x, orbits)
-    fitted = _Fit(problem, model, edited, stochastic, orbits, unadjusted)
+    fitted = _fit(problem)
     with step("testing the residuals"):
-        solution = _build(fitted, consistency)
-        if consistency:
-            solution = with_mistake(problem, solution, edited)
-        return _complete(fitted, solution, not_selected)
+        assessed, doubts = _assess(fitted, consistency), _doubts(fitted)
+        mistake = find_mistake(problem, assessed, doubts) if consistency else None
+        status, message = decide_status(assessed, doubts, mistake)
+        converged = status is FitStatus.CONVERGED
+        return assessed.solution(
+            status,
+            message,
+            states=_states(fitted, assessed.estimate),
+            **_comparisons(problem, assessed.estimate),
+            consistency=_with_mistakes(fitted, assessed, mistake, converged),
+            notes=_notes(fitted, assessed.estimate, not_selected, residuals_fit(doubts), converged),
+            limitations=model_limitations(fitted.model.predictor),
+            provenance=provenance(
+                problem.study, fitted.model.predictor, not_selected, problem.choice, fitted.motions
+            ),
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,112 +176,138 @@ class _Fit:
         elevation_deg.flags.writeable = False
         return elevation_deg
 
-    @cached_property
-    def doubts(self) -> list[Doubt]:
-        """Reasons why the estimate cannot be used although the fit converged."""
-        problem, edited = self.problem, self.edited
-        if problem.choice is None:
-            return []
-        doubts = [*misfits(edited, with_considered(problem.noise.sigma_m, self.unadjusted), problem.order)]
-        for k, target in enumerate(self.model.targets):
-            fitted = FittedObservations(
-                self.model.predictor,
-                k,
-                edited.initial_status.are(USED),
-                edited.fit.used,
-                edited.fit.residual_m,
-                self.elevation_deg,
-            )
-            doubts += target.doubts(self.x[self.model.columns_of(k)], fitted)
-        # Doubts about a place follow from residuals that do not fit.
-        return [doubt for doubt in doubts if doubt.status is FitStatus.MISFIT] or doubts
 
-    @property
-    def fits(self) -> bool:
-        """True if the residuals fit, so that all doubts concern the place."""
-        return all(doubt.status is not FitStatus.MISFIT for doubt in self.doubts)
+def _fit(problem: EstimationProblem) -> _Fit:
+    """Estimate the parameters, and add the errors that are not in the weights."""
+    status, codes = usability(problem.predictor, problem.prior_motions)
+    with step(f"fitting {len(problem.predictor.observations)} observations"):
+        edited, stochastic = _estimate(problem, status, codes)
+    model = problem.model if stochastic is None else stochastic.with_process
+    logger.info(
+        "fitted %d parameters to %d of %d observations",
+        model.parameters.free.sum(),
+        edited.fit.used.sum(),
+        len(problem.predictor.observations),
+    )
+    # The effects of gravity errors on an orbit take seconds; the parameters' sigmas and those over the arc share them.
+    orbits = problem.orbits_with_gravity_errors(edited.fit.x)
+    if problem.choice is not None and problem.choice.weights == "correlated":
+        edited = fit_with_correlated_weights(model.linearize, edited, problem.order)
+    unadjusted = problem.unadjusted_errors(model, edited.fit.x, orbits)
+    return _Fit(problem, model, edited, stochastic, orbits, unadjusted)
 
 
-def _build(fitted: _Fit, consistency: bool) -> Solution:
-    problem, model, x = fitted.problem, fitted.model, fitted.x
-    study, estimate, predictor = problem.study, problem.choice, model.predictor
+def _assess(fitted: _Fit, consistency: bool) -> AssessedFit:
+    """Return the reported estimate, residuals and consistency tests of a fit."""
+    problem, model, edited, x = fitted.problem, fitted.model, fitted.edited, fitted.x
+    estimate, predictor = problem.choice, model.predictor
     observations, constants = predictor.observations, predictor.model.ephemeris.constants
-    reported = ~model.parameters.considered
-    places = model.place_indices
-    several = tuple(
+    residuals = Residuals(
+        epoch_utc=observations.epoch,
+        stations=Labels.coded(predictor.stations, predictor.receivers),
+        types=problem.order.types,
+        paths=Labels.coded([link.path for link in observations.links], observations.link),
+        observed_m=observations.value_m,
+        residual_m=edited.fit.residual_m,
+        sigma_m=edited.fit.sigma_m,
+        elevation_deg=fitted.elevation_deg,
+        count_s=observations.count_s,
+        statuses=edited.status,
+    )
+    reported, places = ~model.parameters.considered, model.place_indices
+    trajectories = [fitted.motions[k].trajectory for k in model.orbit_indices] or predictor.trajectories[:1]
+    positions = [
         TargetPosition(
             model.targets[k].name, model.position_pa_m(x, k), model.position_partials(x, k)[:, reported]
         )
-        for k in places
-        if len(places) > 1
-    )
-    shown = next(iter(places), 0)
-    return build_solution(
-        fitted.edited,
-        position_pa_m=model.position_pa_m(x, shown),
-        position_partials=model.position_partials(x, shown)[:, reported],
-        rot_pa_to_me=rot_pa_to_me(constants),
-        pa_frame=predictor.model.libration.frame,
-        me_frame=constants.me_frame,
-        epoch_utc=observations.epoch,
-        station=Labels.coded(predictor.stations, predictor.receivers),
-        observed_m=observations.value_m,
-        path=Labels.coded([link.path for link in observations.links], observations.link),
-        type=problem.order.types,
-        elevation_deg=fitted.elevation_deg,
-        count_s=observations.count_s,
-        doubts=fitted.doubts,
-        order=problem.order,
-        stated_m=problem.noise.sigma_m,
-        consistency=consistency,
-        ephemeris_sigma_enu_m=np.zeros(3) if estimate is None else np.array(estimate.ephemeris_sigma_m),
-        name=study.name,
+        for k in places or [0]
+    ]
+    return assess_fit(
+        edited,
+        problem.order,
+        residuals,
         considered=fitted.unadjusted,
         candidates=problem.fixed_parameter_errors(model, x, fitted.orbits)
-        if consistency and estimate is not None
+        if consistency and estimate
         else None,
-        trajectory=None if places else str(predictor.trajectories[0]),
-        targets=several,
-        limitations=model_limitations(predictor),
+        stated_m=problem.noise.sigma_m,
+        consistency=consistency,
+        name=problem.study.name,
+        pa_frame=predictor.model.libration.frame,
+        me_frame=constants.me_frame,
+        position_pa_m=positions[0].position_pa_m,
+        position_partials=positions[0].position_partials,
+        rot_pa_to_me=rot_pa_to_me(constants),
+        ephemeris_sigma_enu_m=np.zeros(3) if estimate is None else np.array(estimate.ephemeris_sigma_m),
+        trajectory=None if places else ", ".join(map(str, trajectories)),
+        targets=tuple(positions) if len(places) > 1 else (),
     )
 
 
-def _complete(fitted: _Fit, solution: Solution, not_selected: dict[str, int]) -> Solution:
-    """Add states of orbits, comparisons with known positions, notes, provenance, and the verdict by sigma."""
-    problem, model, x = fitted.problem, fitted.model, fitted.x
-    study, estimate, predictor = problem.study, problem.choice, model.predictor
-    covariance, consider = solution.parameter_covariance(), solution.consider
-    states = {k: orbit_state(model, k, x, covariance, consider, fitted.orbits) for k in model.orbit_indices}
-    if fitted.stochastic is not None:
-        states |= fitted.stochastic.smoothed(states, fitted.edited, problem.order, fitted.unadjusted)
-    trajectory = solution.trajectory
-    if states and not model.place_indices:
-        trajectory = ", ".join(str(state.orbit) for state in states.values())
-    constants = predictor.model.ephemeris.constants
-    comparisons = [compare_with(solution, xyz_m, name) for name, xyz_m in known_positions(study, constants)]
-    if fitted.fits:
-        solution = mark_if_unobservable(solution)
-    notes = [*coordinate_doubts(predictor, problem.prior_motions, fitted.edited.fit.used, fitted.fits)]
-    considered = None if solution.consider is None else solution.consider.parameters
-    notes += study_notes(study, predictor, not_selected, estimate, fitted.edited, considered)
-    notes += problem.notes
-    if model.place_indices and solution.converged:
-        findings = (*axes_mistakes(study, solution, constants), *solution.consistency.findings)
-        solution = replace(solution, consistency=replace(solution.consistency, findings=findings))
-    if estimate is not None:
-        moved_m = np.linalg.norm(
-            positions_pa_m(fitted.motions) - positions_pa_m(problem.prior_motions), axis=-1
+def _doubts(fitted: _Fit) -> list[Doubt]:
+    """Return reasons why the estimate cannot be used although the fit converged."""
+    problem, model, edited = fitted.problem, fitted.model, fitted.edited
+    if problem.choice is None:
+        return []
+    doubts = [*misfits(edited, with_considered(problem.noise.sigma_m, fitted.unadjusted), problem.order)]
+    usable, fit = edited.initial_status.are(USED), edited.fit
+    for k, target in enumerate(model.targets):
+        observations = FittedObservations(
+            model.predictor, k, usable, fit.used, fit.residual_m, fitted.elevation_deg
         )
-        notes += search_hints(study, solution, float(moved_m.max()))
-    return replace(
-        solution,
-        states={model.targets[k].name: state for k, state in states.items()},
-        trajectory=trajectory,
-        reference=None if study.reference is None else comparisons[0],
-        references=tuple(comparisons if study.reference is None else comparisons[1:]),
-        notes=tuple(notes),
-        provenance=provenance(study, predictor, not_selected, estimate, fitted.motions),
-    )
+        doubts += target.doubts(fitted.x[model.columns_of(k)], observations)
+    # Doubts about a place follow from residuals that do not fit.
+    return [doubt for doubt in doubts if doubt.status is FitStatus.MISFIT] or doubts
+
+
+def _states(fitted: _Fit, estimate: LocatedEstimate) -> dict[str, OrbitState]:
+    """Return the estimated states of spacecraft by the names of the targets."""
+    model, covariance, consider = fitted.model, estimate.parameter_covariance(), estimate.consider
+    states = {
+        k: orbit_state(model, k, fitted.x, covariance, consider, fitted.orbits) for k in model.orbit_indices
+    }
+    if fitted.stochastic is not None:
+        states |= fitted.stochastic.smoothed(states, fitted.edited, fitted.problem.order, fitted.unadjusted)
+    return {model.targets[k].name: state for k, state in states.items()}
+
+
+def _comparisons(problem: EstimationProblem, estimate: LocatedEstimate) -> dict[str, Any]:
+    """Return the differences to known positions."""
+    study, constants = problem.study, problem.predictor.model.ephemeris.constants
+    comparisons = [compare_with(estimate, xyz_m, name) for name, xyz_m in known_positions(study, constants)]
+    reference = None if study.reference is None else comparisons.pop(0)
+    return {"reference": reference, "references": tuple(comparisons)}
+
+
+def _with_mistakes(
+    fitted: _Fit, assessed: AssessedFit, mistake: ConsistencyTest | None, converged: bool
+) -> Consistency:
+    """Return the consistency tests, with a mistake in place of their findings, or with axes that are mistaken."""
+    findings = assessed.consistency.findings if mistake is None else (mistake,)
+    if fitted.model.place_indices and converged:
+        constants = fitted.model.predictor.model.ephemeris.constants
+        findings = (*axes_mistakes(fitted.problem.study, assessed, constants), *findings)
+    return replace(assessed.consistency, findings=findings)
+
+
+def _notes(
+    fitted: _Fit,
+    estimate: LocatedEstimate,
+    not_selected: dict[str, int],
+    residuals_fit: bool,
+    converged: bool,
+) -> tuple[str, ...]:
+    """Return all notes: mistaken stations, data and model, searches that help."""
+    problem, predictor = fitted.problem, fitted.model.predictor
+    study, choice, prior_motions = problem.study, problem.choice, problem.prior_motions
+    considered = None if estimate.consider is None else estimate.consider.parameters
+    notes = [*coordinate_doubts(predictor, prior_motions, fitted.edited.fit.used, residuals_fit)]
+    notes += study_notes(study, predictor, not_selected, choice, fitted.edited, considered)
+    notes += problem.notes
+    if choice is not None:
+        moved_m = np.linalg.norm(positions_pa_m(fitted.motions) - positions_pa_m(prior_motions), axis=-1)
+        notes += search_hints(study, estimate, float(moved_m.max()), converged=converged)
+    return tuple(notes)
 
 
 def _require_usable(problem: EstimationProblem, status: Labels, codes: NDArray[np.int8]) -> None:

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -23,9 +23,8 @@ from radioloc.constants import C_M_S, SECONDS_PER_DAY
 from radioloc.ephemeris import EphemerisConstants
 from radioloc.errors import ConvergenceError, InputError, RadiolocError
 from radioloc.estimation.consistency_results import SIGNIFICANCE_LEVEL, ConsistencyTest
-from radioloc.estimation.editing import EditedFit
 from radioloc.estimation.group_tests import chi2_log_p_value
-from radioloc.estimation.status import FitStatus
+from radioloc.estimation.status import Doubt
 from radioloc.jobs.problem import EstimationProblem
 from radioloc.lunar import rot_pa_to_me
 from radioloc.measurements.evaluation import prepare_predictor
@@ -36,7 +35,7 @@ from radioloc.measurements.ramps import DOWNLINK, UPLINK, turnaround_ratio
 from radioloc.measurements.registry import KINDS, MEASUREMENTS, TIME_TAGS
 from radioloc.parameters.columns import PASS_GAP_H
 from radioloc.parameters.parameter import ParameterSet
-from radioloc.results.solution import Solution
+from radioloc.results.build import AssessedFit
 from radioloc.study.observation_choice import with_turnaround
 from radioloc.study.study import Study
 from radioloc.targets.design import ObservationModel
@@ -72,24 +71,6 @@ class Mistake:
     corrected: Observations | None = None  # predicted in place of the rows
 
 
-def with_mistake(problem: EstimationProblem, solution: Solution, edited: EditedFit) -> Solution:
-    """Return a solution whose finding is the mistake that explains the observations, if there is any."""
-    if problem.choice is None or problem.has_process_noise:
-        return solution
-    is_right = solution.converged and not solution.consistency.findings
-    if is_right and not _is_mostly_unused(problem, edited.fit.used):
-        return solution
-    mistake = find_mistake(problem, edited.fit.x)
-    if mistake is None:
-        return solution
-    solution = replace(solution, consistency=replace(solution.consistency, findings=(mistake,)))
-    if not solution.converged:
-        return solution
-    return replace(
-        solution, status=FitStatus.MISFIT, message="the observations have a mistake: correct what is named"
-    )
-
-
 def _is_mostly_unused(problem: EstimationProblem, used: Mask) -> bool:
     """Return whether most of a series is not used: a target that is not seen, or counts of another signal."""
     order = problem.order
@@ -98,10 +79,11 @@ def _is_mostly_unused(problem: EstimationProblem, used: Mask) -> bool:
 
 
 def axes_mistakes(
-    study: Study, solution: Solution, constants: EphemerisConstants
+    study: Study, assessed: AssessedFit, constants: EphemerisConstants
 ) -> Iterator[ConsistencyTest]:
     """Yield a finding for each stated place that agrees with the estimate in other lunar axes only."""
-    several, estimate = len(solution.targets) > 1, solution.with_findings() or solution
+    estimate = assessed.estimate.with_findings() or assessed.estimate
+    several = len(estimate.targets) > 1
     places = [("a-priori position", prior.target, prior.mean) for prior in study.estimate.position_priors]
     if not several:
         known_places = (() if study.reference is None else (study.reference,)) + study.references
@@ -123,12 +105,22 @@ def axes_mistakes(
             yield ConsistencyTest("mistake", text, turned, 3, log10_p_value, next_chi2_ratio=stated / turned)
 
 
-def find_mistake(problem: EstimationProblem, x: Floats) -> ConsistencyTest | None:
-    """Return the mistake that explains the observations of an arc with estimate x; None without any."""
+def find_mistake(
+    problem: EstimationProblem, assessed: AssessedFit, doubts: Sequence[Doubt]
+) -> ConsistencyTest | None:
+    """Return the mistake that explains the observations of a fit; None without any.
+
+    A fit without doubts and findings is examined only if it does not use most of a series.
+    """
+    edited, findings = assessed.edited, assessed.consistency.findings
+    if problem.choice is None or problem.has_process_noise:
+        return None
+    if edited.converged and not (doubts or findings) and not _is_mostly_unused(problem, edited.fit.used):
+        return None
     rows = _sample(problem)
     predictor, sigma_m = problem.predictor.select(rows), problem.noise.sigma_m[rows]
     count = len(rows)
-    predictions = _Predictions(problem, predictor, sigma_m, x)
+    predictions = _Predictions(problem, predictor, sigma_m, edited.fit.x)
     stated = predictions.squares(None)
     code = problem.order.code[rows]
     sums, sizes = np.bincount(code, stated), np.bincount(code)

@@ -7,7 +7,7 @@ exchanged stations and ranges 100 km too long converge (`tests/unit/jobs/test_ve
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -15,7 +15,9 @@ import numpy as np
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.earth.stations import Station, StationCatalogue, reordered_coordinates
 from radioloc.errors import InputError
+from radioloc.estimation.adaptation import MAX_SHIFT_SIGMAS
 from radioloc.estimation.consider import UnestimatedErrors
+from radioloc.estimation.consistency_results import ConsistencyTest
 from radioloc.estimation.editing import EditedFit
 from radioloc.estimation.series import LinkSeries, SeriesOrder
 from radioloc.estimation.stated_sigmas import noise_over_stated
@@ -27,7 +29,8 @@ from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.registry import KINDS, is_integrated
 from radioloc.measurements.target_motion import Motions
 from radioloc.noise.whitening import slices
-from radioloc.results.solution import Solution
+from radioloc.results.build import AssessedFit
+from radioloc.results.estimate import LocatedEstimate
 from radioloc.study.study import Study
 from radioloc.targets.design import a_priori_orbits
 from radioloc.vectors import Floats, Indices, Mask
@@ -43,6 +46,8 @@ _MAX_OUTLIER_FRACTION = 0.2
 _MIN_OUTLIER_COUNT = 3  # fewer are blunders, whatever their fraction of few observations
 MAX_POSITION_SIGMA_M = 0.1 * MEAN_LUNAR_RADIUS_M
 """Largest sigma of a position with a meaningful error ellipse: the ground bends away from it by 9 km."""
+_ENDED = (FitStatus.CONVERGED, FitStatus.DIVERGED, FitStatus.MAX_ITERATIONS, FitStatus.OFF_THE_MOON)
+"""Status of fits whose cause may be a position that is not observable."""
 _SAMPLE_ROWS = 20  # of a station
 _MIN_IMPROVEMENT = 10.0  # ratio of the rms of residuals with other axes or signs of a station's coordinates
 _MAX_RMS_M = 1.0e5  # with them, at an a-priori position some tens of kilometres off
@@ -119,37 +124,68 @@ def _rejected_stations(edited: EditedFit, order: SeriesOrder) -> Iterator[Doubt]
         )
 
 
-def mark_if_unobservable(solution: Solution) -> Solution:
-    """Set UNOBSERVABLE if the sigma of a position exceeds a tenth of the lunar radius."""
-    ended = (FitStatus.CONVERGED, FitStatus.DIVERGED, FitStatus.MAX_ITERATIONS, FitStatus.OFF_THE_MOON)
-    if solution.status not in ended or solution.trajectory is not None or not solution.position_estimated:
-        return solution
-    several = [solution.of_target(target.name) for target in solution.targets] or [solution]
-    sigma_m = max(float(np.linalg.norm(position.sigma_enu_m())) for position in several)
-    if not sigma_m > MAX_POSITION_SIGMA_M:
-        return solution
-    reason = (
-        f"the sigma of the position is {1e-3 * sigma_m:.0f} km, more than a tenth of the lunar radius: the "
-        "observations do not determine the position; add ranges, VLBI delays, an a-priori height, more stations or a "
-        "longer arc"
-    )
-    # With such a sigma, a height is no further reason.
-    message = "" if solution.status is FitStatus.OFF_THE_MOON else solution.message
-    return replace(
-        solution, status=FitStatus.UNOBSERVABLE, message="; ".join(text for text in (reason, message) if text)
-    )
+def decide_status(
+    assessed: AssessedFit, doubts: Sequence[Doubt], mistake: ConsistencyTest | None = None
+) -> tuple[FitStatus, str]:
+    """Return the status of a fit and its message: end of the fit, doubts, findings, sigma of the position."""
+    edited = assessed.edited
+    status = edited.fit.status if edited.is_settled else FitStatus.UNSETTLED
+    reasons, remark = list(doubts), edited.message
+    if status is FitStatus.CONVERGED:
+        reasons = reasons or [*_finding_doubts(assessed, mistake)][:1]
+        status = reasons[0].status if reasons else status
+    if status in _ENDED and residuals_fit(doubts):
+        for doubt in _sigma_doubts(assessed.estimate):
+            if status is FitStatus.OFF_THE_MOON:  # With such a sigma, a height is no further reason.
+                reasons, remark = [], ""
+            status, reasons = doubt.status, [doubt, *reasons]
+    return status, "; ".join(filter(None, (*(doubt.reason for doubt in reasons), remark)))
 
 
-def search_hints(study: Study, solution: Solution, away_m: float) -> Iterator[str]:
+def residuals_fit(doubts: Sequence[Doubt]) -> bool:
+    """Return whether all doubts concern the place, not the residuals."""
+    return all(doubt.status is not FitStatus.MISFIT for doubt in doubts)
+
+
+def _finding_doubts(assessed: AssessedFit, mistake: ConsistencyTest | None) -> Iterator[Doubt]:
+    """Doubt an estimate that moves by the errors found, and observations with a mistake."""
+    adapted = assessed.estimate.adapted
+    # Unmodelled forces leave similar traces, so that a finding does not refute the estimate.
+    has_forces = any(item.kind == "force" and not item.fixed for item in assessed.estimate.parameters)
+    if adapted is not None and adapted.shift_sigmas > MAX_SHIFT_SIGMAS and not has_forces:
+        yield Doubt(
+            FitStatus.MISFIT,
+            f"the errors found move the estimate by {adapted.shift_sigmas:.1f} sigmas, more than {MAX_SHIFT_SIGMAS:g}: "
+            "correct, exclude or estimate what is named",
+        )
+    if mistake is not None:
+        yield Doubt(FitStatus.MISFIT, "the observations have a mistake: correct what is named")
+
+
+def _sigma_doubts(estimate: LocatedEstimate) -> Iterator[Doubt]:
+    """Doubt a position whose sigma exceeds a tenth of the lunar radius."""
+    if estimate.trajectory is not None or not estimate.position_estimated:
+        return
+    sigma_m = max(float(np.linalg.norm(place.sigma_enu_m())) for place in estimate.places)
+    if sigma_m > MAX_POSITION_SIGMA_M:
+        yield Doubt(
+            FitStatus.UNOBSERVABLE,
+            f"the sigma of the position is {1e-3 * sigma_m:.0f} km, more than a tenth of the lunar radius: the "
+            "observations do not determine the position; add ranges, VLBI delays, an a-priori height, more stations or "
+            "a longer arc",
+        )
+
+
+def search_hints(study: Study, estimate: LocatedEstimate, away_m: float, *, converged: bool) -> Iterator[str]:
     """Name what helps where an estimate cannot be used, or is far from the a-priori positions."""
     if study.orbiter is not None:
-        if not solution.converged:
+        if not converged:
             command = f"`radioloc search {study.path or 'STUDY.toml'}`"
             yield f"{command} looks for manoeuvres that the study does not state"
     elif (
-        solution.trajectory is None
-        and solution.position_estimated
-        and (not solution.converged or away_m > MAX_START_DISTANCE_M)
+        estimate.trajectory is None
+        and estimate.position_estimated
+        and (not converged or away_m > MAX_START_DISTANCE_M)
     ):
         yield (
             f"the fit ended {away_m / 1e3:.3g} km from the a-priori position: give a better one in [target]"

@@ -4,6 +4,7 @@ from radioloc.results.accuracy_map import AccuracyMap
 from radioloc.results.cards import Card, Field
 from radioloc.results.comparison import Comparison
 from radioloc.results.covariance import CovarianceStudy
+from radioloc.results.estimate import LocatedEstimate
 from radioloc.results.monte_carlo import MonteCarlo
 from radioloc.results.predictions import LightTimes
 from radioloc.results.registry import RESULTS
@@ -21,6 +22,7 @@ __all__ = [
     "CovarianceStudy",
     "Field",
     "LightTimes",
+    "LocatedEstimate",
     "MonteCarlo",
     "Raster",
     "Result",

@@ -115,7 +115,7 @@ def _is_outside_ellipsoid(solution: Solution, shift_enu_m: tuple[float, float, f
     if shift_enu_m is None or not solution.position_determined:
         return False
     shift_m, covariance_m2 = np.array(shift_enu_m), solution.position_covariance()
-    if (adapted := solution.consistency.adapted) is not None:
+    if (adapted := solution.adapted) is not None:
         joint_shift_m = solution.enu_partials @ adapted.shift
         covariance_m2 = covariance_m2 - np.outer(joint_shift_m, joint_shift_m)
     variances_m2, axes = np.linalg.eigh(covariance_m2)

@@ -191,7 +191,7 @@ def residual_table(rows: Residuals) -> Table:
     """Return residuals as a table, one row for each observation, with the columns :data:`RESIDUAL_COLUMNS`."""
     if rows.elevation_deg is None:
         raise InputError(
-            "residuals.csv: expected elevations of the solution; give elevation_deg to build_solution"
+            "residuals.csv: expected elevations of the solution; give elevation_deg to its residuals"
         )
     columns: dict[str, Any] = {"epoch_utc": rows.epoch_utc, "type": rows.types, "path": rows.paths}
     columns |= {name: getattr(rows, name) for name in _RESIDUAL_DECIMALS}

@@ -14,7 +14,7 @@ from radioloc.estimation import FitStatus
 from radioloc.io.sinex import write_sinex
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.report.error_figures import plot_correlations
-from radioloc.results.solution import TargetPosition
+from radioloc.results.estimate import TargetPosition
 
 APOLLO = EXAMPLES / "apollo15" / "apollo15.toml"
 

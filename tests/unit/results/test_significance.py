@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from toy_moon import ToyMoon, toy_solution
+from toy_moon import ToyMoon, solution_of, toy_fit, toy_solution
 
 from radioloc.estimation import FitStatus
 from radioloc.estimation.adaptation import AdaptedEstimate
@@ -68,13 +68,15 @@ def test_a_link_of_one_range_is_compared_by_the_stated_sigma(offset_m, named):
 
 @pytest.mark.parametrize(("sigmas", "status"), [(2.5, FitStatus.CONVERGED), (3.5, FitStatus.MISFIT)])
 def test_the_reported_region_covers_the_position_with_the_finding_estimated(sigmas, status):
-    solution = toy_solution(ToyMoon(200, 72.0))
+    assessed = toy_fit(ToyMoon(200, 72.0))
+    solution = solution_of(assessed)
     variances, axes = np.linalg.eigh(solution.position_covariance())
     shift_m = sigmas * np.sqrt(variances[1]) * axes[:, 1]
     shift = solution.enu_partials.T @ shift_m  # the position alone
     finding = ConsistencyTest("offset", "A", 30.0, 1, -6.0, tuple(shift_m), (1.0, 1.0, 1.0), {"": 1.0}, "m")
     tests = Consistency(findings=(finding,), adapted=AdaptedEstimate(shift, solution.covariance))
-    warned = with_findings(replace(solution, consistency=tests))
+    estimate = with_findings(assessed.estimate, tests)
+    warned = solution_of(replace(assessed, estimate=estimate, consistency=tests))
     assert warned.status is status
     assert compare_with(warned, warned.with_findings().position_pa_m).combined_sigmas < 1.0
     assert sum(item.total_m**2 for item in warned.budget) == pytest.approx(

@@ -1,4 +1,5 @@
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -16,14 +17,14 @@ SMALL_ROTATION = np.array([[1.0, -3e-4, 4e-4], [3e-4, 1.0, 1e-5], [-4e-4, -1e-5,
 
 @pytest.fixture(scope="module")
 def solution():
-    return toy_solution(
+    solution = toy_solution(
         ToyMoon(200, 72.0),
         blunders_m={17: 19.0, 60: -1e5},
         reference_pa_m=LANDER_M,
         reference_name="truth",
         ephemeris_sigma_enu_m=(0.2, 0.3, 0.1),
-        provenance={"kernel": "none"},
     )
+    return replace(solution, provenance={"kernel": "none"})
 
 
 def rotation():

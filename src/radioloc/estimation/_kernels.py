@@ -18,14 +18,14 @@ _LOGARITHM_STEP = 16  # innovation variances, below 1e15, that are multiplied be
 def filter_grid(
     step_s: Floats, tau_s: Floats, stationary: Floats, gain: Floats, columns: Floats
 ) -> tuple[Floats, Floats]:
-    """Log-determinants (s, cells), and products (s, m, m, cells), as :func:`gauss_markov.filtered`."""
+    """Log-determinants (s, cells), and products (s, cells, m, m), as :func:`gauss_markov.filtered`."""
     (series, n, m), (p, _, cells), shapes = columns.shape, stationary.shape, len(tau_s)
     ratios = (cells - 1) // shapes
-    log_determinant, products = np.zeros((series, cells)), np.zeros((series, m, m, cells))
+    log_determinant, products = np.zeros((series, cells)), np.empty((series, cells, m, m))
     kalman, variance, innovation = np.empty((p, cells)), np.empty(cells), np.empty((m, cells))
     for k in range(series):
         determinant, factor = np.ones(cells), np.zeros((p, cells))
-        covariance, state = np.zeros((p, p, cells)), np.zeros((m, p, cells))
+        covariance, state, sums = np.zeros((p, p, cells)), np.zeros((m, p, cells)), np.zeros((m, m, cells))
         for i in range(n):
             if i > 0 and (i == 1 or step_s[k, i] != step_s[k, i - 1]):
                 for a in range(p):
@@ -39,10 +39,11 @@ def filter_grid(
                     log_determinant[k, g] += math.log(determinant[g])
                     determinant[g] = 1.0
             _innovate(factor, gain[k, i], kalman, columns[k, i], state, innovation)
-            _add_products(innovation, variance, products[k])
-        for j in range(m):
-            for c in range(j):
-                products[k, j, c] = products[k, c, j]
+            _add_products(innovation, variance, sums)
+        for g in range(cells):
+            for j in range(m):
+                for c in range(j, m):
+                    products[k, g, j, c] = products[k, g, c, j] = sums[j, c, g]
     return log_determinant, products
 
 

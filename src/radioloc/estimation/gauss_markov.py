@@ -32,7 +32,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 
 import numpy as np
@@ -320,9 +320,12 @@ class RestrictedLikelihood:
             part = np.ones(tau_s.shape)
         elements = self.columns[0].size * (len(tau_s) * len(ratio) + 1)
         at_once = max(1, _MAX_STACK_ELEMENTS // elements)
-        stacks = [self.select(slice(k, k + at_once)) for k in range(0, len(self.indices), at_once)]
-        products_of_stacks = [stack._products(tau_s, part, ratio) for stack in stacks]
-        log_determinant, products = map(np.concatenate, zip(*products_of_stacks, strict=True))
+        if at_once >= len(self.indices):
+            log_determinant, products = self._products(tau_s, part, ratio)
+        else:
+            stacks = (self.select(slice(k, k + at_once)) for k in range(0, len(self.indices), at_once))
+            products_of_stacks = [stack._products(tau_s, part, ratio) for stack in stacks]
+            log_determinant, products = map(np.concatenate, zip(*products_of_stacks, strict=True))
         count, absorbed = self.points.count[self.indices][:, None], self.absorbed[:, None]
         dof = count - absorbed
         series_log_determinant, squares = _eliminated(products)
@@ -371,7 +374,7 @@ def filtered(
         from radioloc.estimation._kernels import filter_grid
 
         log_determinant, products = filter_grid(step_s, tau_s, stationary, gain, columns)
-        return np.asarray(log_determinant), np.moveaxis(products, -1, 1)
+        return np.asarray(log_determinant), np.asarray(products)
     (s, n, m), (p, _, cells), shapes = columns.shape, stationary.shape, len(tau_s)
     decay = np.zeros((n, p, s, cells))  # in the last cell, white noise, and before the first point
     factors = np.exp(-step_s.T[1:, None, :, None] / tau_s.T[:, None])
@@ -434,7 +437,7 @@ def _adopted_noise(
     for likelihood in likelihoods:
         is_short = np.array([k in kind_of for k in likelihood.indices.tolist()])
         if is_short.any():
-            short_series = likelihood.select(is_short)
+            short_series = replace(likelihood.select(is_short), jointly=False)
             mean = means[kind_of[int(short_series.indices[0])]]
             log, *_ = short_series.evaluate(np.array([mean.correlation_time_s]), np.array([mean.ratio]))
             white_indices |= set(short_series.indices[log[:, 0] <= -_LOG_BAYES_FACTOR_WHITE].tolist())

@@ -57,7 +57,15 @@ from radioloc.estimation.linearization import (
 from radioloc.estimation.statistics import SCALING_PROBABILITY, chi2_quantile
 from radioloc.estimation.status import FitStatus
 from radioloc.noise.covariance import ObservationCovariance
-from radioloc.noise.whitening import Rows, RowsOf, StructuredWhitener, Whitener, column, slices
+from radioloc.noise.whitening import (
+    LinkedWhitener,
+    Rows,
+    RowsOf,
+    StructuredWhitener,
+    Whitener,
+    column,
+    slices,
+)
 from radioloc.parameters.parameter import ParameterSet
 from radioloc.quantities import accepts_quantities
 from radioloc.vectors import Floats, Mask
@@ -210,7 +218,10 @@ def fit_least_squares(
     check_residuals(linearization, mask)
 
     # Weights: given ones, those of the process noise, or those of the stated noise.
-    stated_whitening = noise.whitener(mask)
+    if isinstance(whitening, LinkedWhitener):
+        stated_whitening = StructuredWhitener(n, whitening.structures)
+    else:
+        stated_whitening = noise.whitener(mask)
     processes = process_noise(linearization)
     if processes and whitening is None:
         whitening = InformationFilters.from_observations(processes, noise, mask)

@@ -260,6 +260,8 @@ def _sampled(place: Indices) -> tuple[Indices, Floats]:
     """Choose rows of each run in one bin, evenly, and count the rows that each represents."""
     starts = np.flatnonzero(changed(place))
     count = np.diff(starts, append=len(place))
+    if count.max(initial=0) <= _MAX_BIN_ROWS:
+        return np.arange(len(place)), np.ones(len(place))
     rank, size = np.arange(len(place)) - np.repeat(starts, count), np.repeat(count, count)
     part = (_MAX_BIN_ROWS * np.stack([rank, rank - 1]) + size // 2) // size
     is_chosen = part[0] > part[1]  # in the middle of each part

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-_PANEL_COUNT = 3
+_MAX_PANEL_COUNT = 3
 _MOSAIC_PIXELS = 700
 _MIN_SIGMA_PART = 1e-2  # of a source of error that is drawn
 
@@ -51,9 +51,9 @@ def plot_images(solution: ImageSolution, ax: Axes | None = None) -> Figure:
     Returns
     -------
     matplotlib.figure.Figure
-        Three panels, each a closer look: the map with the images laid over it, their outlines, tie points with the map
-        and their residuals, the path of the middles, the ground track of the camera, and the lander with its 95 %
-        ellipse.
+        Up to three panels, each a closer look by two or more: the map with the images laid over it, their outlines, tie
+        points with the map and their residuals, the path of the middles, the ground track of the camera, and the lander
+        with its 95 % ellipse.
 
     Examples
     --------
@@ -67,10 +67,11 @@ def plot_images(solution: ImageSolution, ax: Axes | None = None) -> Figure:
     lander = plane.from_longitude_latitude([[longitude, latitude]])[0]
     corners = [in_plane(frame, [[0, 0], [2, 0], [2, 2], [0, 2]]) for frame in frames]
     widest, closest = (float(np.ptp(c, axis=0).max()) for c in (corners[0], corners[-1]))
-    widths = np.geomspace(widest, 3.0 * closest, _PANEL_COUNT)
+    count = int(np.clip(1.0 + np.log2(widest / (3.0 * closest)), 1, _MAX_PANEL_COUNT))
+    widths = np.geomspace(widest, 3.0 * closest, count) if count > 1 else np.array([widest])
     title = f"{solution.name}: {len(frames)} images on {solution.map_name}"
-    figure = several_panels(ax, 13.0, 4.9, title)
-    panels = figure.subplots(1, _PANEL_COUNT)
+    figure = several_panels(ax, max(1.0 + 4.0 * count, 7.0), 4.9 if count > 1 else 7.0, title)
+    panels = figure.subplots(1, count, squeeze=False)[0]
     centres = np.concatenate([in_plane(frame, [[1, 1]]) for frame in frames])
     track = plane.from_longitude_latitude(track_deg(pose_table(solution)))
     for k, (axes, width) in enumerate(zip(panels, widths, strict=True)):
@@ -108,7 +109,7 @@ def plot_images(solution: ImageSolution, ax: Axes | None = None) -> Figure:
         axes.set_xlabel(f"east of the lander ({unit})")
         if k == 0:
             axes.set_ylabel("north of the lander")
-    legend_outside(figure, panels[:1], 8)
+    legend_outside(figure, panels[:1], 3 * count)
     return figure.figure
 
 
@@ -116,9 +117,9 @@ def _draw_residuals(axes: Axes, ties: Floats, residuals_m: Floats, length: float
     """Draw residuals of tie points on the map as vectors, of which the rms has a length on the axes."""
     rms_m = float(np.sqrt((residuals_m**2).sum(axis=1).mean()))
     vectors = residuals_m * (length / rms_m)
-    label = f"their residuals, rms {rms_m:.2g} m"
-    options: Any = {"color": COLORS[5], "width": 0.0025, "alpha": 0.8, "label": label}
-    axes.quiver(*ties.T, *vectors.T, angles="xy", scale_units="xy", scale=1.0, **options)
+    style: Any = {"color": COLORS[5], "alpha": 0.8}
+    axes.quiver(*ties.T, *vectors.T, angles="xy", scale_units="xy", scale=1.0, width=0.0025, **style)
+    axes.plot([], [], label=f"their residuals, rms {rms_m:.2g} m", **style)
 
 
 def _mosaic(solution: ImageSolution, west_m: float, north_m: float, width_m: float) -> NDArray[np.uint8]:
@@ -127,13 +128,12 @@ def _mosaic(solution: ImageSolution, west_m: float, north_m: float, width_m: flo
 
     rasterio = load_rasterio()
     plane, pixel_m = solution.registration.plane, width_m / _MOSAIC_PIXELS
-    shape = (_MOSAIC_PIXELS, _MOSAIC_PIXELS)
-    canvas, valid = solution.base.view(plane, west_m + 0.5 * pixel_m, north_m - 0.5 * pixel_m, pixel_m, shape)
     crs = rasterio.crs.CRS.from_string(
         f"+proj=ortho +lat_0={plane.latitude_deg!r} +lon_0={plane.longitude_deg!r} +R={MEAN_LUNAR_RADIUS_M!r}"
     )
     corner = rasterio.Affine(pixel_m, 0.0, west_m, 0.0, -pixel_m, north_m)
-    grid = MapGrid.of_map(crs, corner, *shape, MEAN_LUNAR_RADIUS_M)
+    grid = MapGrid.of_map(crs, corner, _MOSAIC_PIXELS, _MOSAIC_PIXELS, MEAN_LUNAR_RADIUS_M)
+    canvas, valid = solution.base.on_grid(grid)
     lay_over(canvas, valid, solution, grid)
     return np.where(valid, canvas, 255)
 
@@ -317,8 +317,9 @@ def plot_stereo(result: StereoPoints, ax: Axes | None = None) -> Figure:
     for row in result.distances():
         ends = result.feature_m[[result.features.index(name) for name in row["features"]]][:, [1, 0]]
         axes.plot(*ends.T, color=COLORS[1], linewidth=0.8)
-        axes.annotate(f"{row['distance_m']:.2f} m", ends.mean(axis=0), fontsize=8)
-    axes.set_aspect("equal")
+        box = {"facecolor": "white", "alpha": 0.8, "linewidth": 0.0, "pad": 1.0}
+        axes.annotate(f"{row['distance_m']:.2f} m", ends.mean(axis=0), fontsize=8, ha="center", bbox=box)
+    axes.set_aspect("equal", adjustable="datalim")
     axes.set_xlabel("right (m)")
     axes.set_ylabel("ahead (m)")
     return axes.figure.figure

@@ -143,7 +143,7 @@ def measure_stereo(study: PointStudy) -> StereoPoints:
             f"expected images of one size, got {images[0].shape} and {images[1].shape} lines and samples"
         )
     pair = stereo_pair(chosen, images[0].shape)
-    left_px, right_px = _matched(pair, images[0], images[1], chosen.nearest_m)
+    left_px, right_px = _matched(pair, images[0], images[1], chosen.nearest_m, chosen.point_sigma_px)
     rows = [_nearest_matches(left_px, feature.left_px, feature.name) for feature in chosen.features]
     # The right pixel of a feature: its own left pixel, less the median shift of its neighbours.
     of_features = [np.array(feature.left_px) + np.median(right_px[k] - left_px[k], axis=0)
@@ -174,7 +174,7 @@ def measure_stereo(study: PointStudy) -> StereoPoints:
 
 
 def _matched(
-    pair: StereoPair, left_image: Image, right_image: Image, nearest_m: float
+    pair: StereoPair, left_image: Image, right_image: Image, nearest_m: float, sigma_px: float
 ) -> tuple[Floats, Floats]:
     """Return the pixels of all matched points in both images, shape (n, 2)."""
     cv2 = load_opencv()
@@ -196,8 +196,9 @@ def _matched(
     matcher = cv2.StereoSGBM_create(
         0, count, _BLOCK_PX, 8 * _BLOCK_PX**2, 32 * _BLOCK_PX**2, 1, 31, 10, 100, 2, cv2.STEREO_SGBM_MODE_SGBM
     )
-    shift = matcher.compute(*views).ravel() / _DISPARITY_UNITS
-    matched = shift > 0.0
+    shift = matcher.compute(*views) / _DISPARITY_UNITS
+    matched = ((shift > 0.0) & (_shift_variance(views[0], views[1], shift) < sigma_px**2)).ravel()
+    shift = shift.ravel()
     if not matched.any():
         raise InputError(
             "no point of the left image was found in the right; check cameras, baseline and rotation"
@@ -209,6 +210,22 @@ def _matched(
     )
     visible = np.all([(p >= 0.0) & (p <= np.array(size) - 1.0) for p in pixels], axis=(0, 2))
     return pixels[0][visible], pixels[1][visible]
+
+
+def _shift_variance(left: Image, right: Image, shift: Floats) -> Floats:
+    """Return the variance of shifts, px^2: twice that of noise over the squared gradients along the lines of a block.
+
+    Along an edge without texture, such as the horizon, neighbouring shifts fit as well.
+    """
+    cv2 = load_opencv()
+    lines, samples = np.indices(shift.shape, np.float32)
+    moved = cv2.remap(right, (samples - shift).astype(np.float32), lines, cv2.INTER_LINEAR)
+    difference = (left.astype(np.float64) - moved)[shift > 0.0]
+    deviation = np.median(np.abs(difference - np.median(difference))) if len(difference) else 0.0
+    noise = 0.5 * (1.4826 * deviation) ** 2
+    gradient = 0.5 * cv2.Sobel(left, cv2.CV_64F, 1, 0, ksize=1)
+    energy = cv2.boxFilter(gradient**2 - 0.5 * noise, -1, (_BLOCK_PX, _BLOCK_PX), normalize=False)
+    return np.divide(2.0 * noise, energy, out=np.full_like(energy, np.inf), where=energy > 0.0)
 
 
 def _in_image(model: Any, to_rectified: Floats, camera: Floats, places: Floats) -> Floats:

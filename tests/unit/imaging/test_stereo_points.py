@@ -88,6 +88,8 @@ def test_points_lie_on_the_ground_within_their_sigma(study):
     assert precise.sum() > 1000
     assert np.median(np.abs(result.cloud_m[precise, 2])) < 0.02
     assert np.mean(np.abs(result.cloud_m[precise, 2]) < 3.0 * result.cloud_sigma_m[precise]) > 0.95
+    # The horizon is an edge without texture along the lines.
+    assert np.mean(np.abs(result.cloud_m[:, 2]) > 6.0 * result.cloud_sigma_m) < 1e-3
 
 
 def test_features_and_their_distance(study):

@@ -322,7 +322,7 @@ class _GaussNewton:
         Undamped steps can overshoot to parameters at which the model cannot be evaluated.
         """
         factor, length = iterate.factor, iterate.factor.step_sigmas
-        while damping <= _MAX_DAMPING * factor.singular_values[0]:
+        while damping == 0.0 or damping <= _MAX_DAMPING * factor.singular_values[0]:
             trial = self.step(iterate, damping)
             # A step below the tolerance changes the sum of squares by less than its rounding errors, and the partials
             # by less than 1e-6: it needs neither a test nor a new factorization.

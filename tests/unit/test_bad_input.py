@@ -105,12 +105,6 @@ def test_refused(name, tmp_path, capsys):
     refused(written(CASES[name], tmp_path), CASES[name].parts, capsys)
 
 
-def test_folder_in_place_of_a_file(tmp_path, capsys):
-    (tmp_path / "data.csv").mkdir()
-    (tmp_path / "study.toml").write_text(study("data.csv"))
-    refused(tmp_path / "study.toml", ["data.csv", "is a directory"], capsys)
-
-
 def test_pipe_in_place_of_a_file(tmp_path, capsys):
     """Nobody writes to it; to open it would last for ever."""
     os.mkfifo(tmp_path / "data.csv")

@@ -6,7 +6,6 @@ import re
 import subprocess
 import sys
 
-import numpy as np
 import pytest
 from paths import EXAMPLES, ROOT
 
@@ -50,20 +49,6 @@ def test_a_folder_of_results_alone_brings_matplotlib(tmp_path):
     command = [sys.executable, "-c", code, str(tmp_path / "out")]
     done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=6000)
     assert done.stdout.splitlines() == ["0", "False", "0", "True"]
-
-
-@pytest.mark.study
-def test_a_study_built_in_python_with_observations_passed():
-    read = radioloc.read_study(EXAMPLE)
-    study = radioloc.Study(
-        target=radioloc.LunarPosition("PA_DE421", (1554700.0, 98000.0, 765000.0)),
-        estimate=radioloc.study.EstimateChoice(position="cartesian"),
-        model=radioloc.study.ModelChoice(off=["ionosphere"]),
-        name="mine",
-    )
-    solution = radioloc.locate(study, radioloc.read_observations(read.observations.files))
-    assert solution.name == "mine"
-    assert np.linalg.norm(solution.position_pa_m - radioloc.locate(read).position_pa_m) < 1e-3
 
 
 def test_dir_lists_public_names_and_packages_before_and_after_use():

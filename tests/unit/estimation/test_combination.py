@@ -65,13 +65,6 @@ def test_part_and_whole_differ_by_less_than_independent_estimates():
     assert (flat.components, flat.sigma_enu_m[2]) == (2, None)
 
 
-def test_estimates_that_share_data_otherwise_are_not_tested():
-    item = estimate("one", [0.0, 0.0, 0.0], np.eye(3), data=frozenset("ab"), study="s")
-    two = estimate("two", [9.0, 0.0, 0.0], np.eye(3), data=frozenset("bc"), study="t")
-    assert agreement(item, two).why == "they share observations"
-    assert agreement(item, two).chance is None
-
-
 def test_a_height_that_one_does_not_determine_is_the_others():
     flat = np.diag([4.0, 4.0, np.nan])
     item, two = estimate("map", [2.0, 0.0, 0.0], flat), estimate("radio", [0.0, 0.0, 7.0], 4.0 * np.eye(3))

@@ -170,19 +170,6 @@ def test_errors_that_observations_of_two_orbits_share_are_refused():
         fit_least_squares(model_of((first, second), np.zeros(N)), PARAMETERS, noise)
 
 
-def test_without_process_noise_the_filter_is_the_batch_fit():
-    process = process_of(0.5, sigma=0.0)
-    values_m = observed(process, 0.5)
-    fit = fit_least_squares(model_of((process,), values_m), PARAMETERS, SIGMA_M)
-    batch = fit_least_squares(model_of((), values_m), PARAMETERS, SIGMA_M)
-    np.testing.assert_allclose((fit.x - batch.x) / batch.sigmas, 0.0, atol=IDENTICAL)
-    np.testing.assert_allclose(fit.covariance, batch.covariance, rtol=IDENTICAL, atol=1e-13)
-    np.testing.assert_allclose(fit.residual_m, batch.residual_m, atol=IDENTICAL)
-    assert fit.chi2 == pytest.approx(batch.chi2, rel=1e-9)
-    assert fit.dof == batch.dof
-    assert fit.smoothed[0].absorbed == pytest.approx(0.0, abs=1e-9)
-
-
 def test_observations_that_share_errors_are_weighed_together():
     """Three of one interval and one station's error: the filter's information is that of the covariance written out."""
     process = process_of(0.3)

@@ -1,7 +1,5 @@
 """Columns as comma-separated text: to the letter what Python writes, or what Python reads as the same float."""
 
-from dataclasses import asdict
-
 import numpy as np
 import pytest
 
@@ -9,7 +7,6 @@ from radioloc.errors import InputError
 from radioloc.io import read_observations, write_observations
 from radioloc.io.table import batches_of, write_csv
 from radioloc.measurements import Link, Observations, Ramps
-from radioloc.results.tables import PositionRow, record_table
 from radioloc.text_files import text_of_cell
 from radioloc.time import epochs_from_strings
 
@@ -80,9 +77,3 @@ def test_stations_with_names_of_formulas_are_read_back_by_their_names(tmp_path, 
     assert sorted(reread.ramps.stations) == sorted(names)
     if ending == "csv":
         assert "\n2024-05-02T06:00:00.000000000000,range,'=HYPERLINK(0)>lander" in files[0].read_text()
-
-
-def test_positions_of_a_comparison_are_written_with_names_that_are_no_formulas(tmp_path):
-    row = asdict(PositionRow("radio", "=1+1", 1.5, -2.5, *[None] * 6))
-    text = write(tmp_path / "a.csv", record_table([row]).columns)
-    assert text.splitlines()[1].startswith("radio,'=1+1,1.5,-2.5,,")

@@ -6,7 +6,7 @@ from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
-from change5_case import BIAS_M, LANDER, NEAR, observations
+from change5_case import LANDER, NEAR, observations
 from toy_moon import ToyMoon, toy_solution
 
 import radioloc
@@ -76,17 +76,6 @@ def test_each_arc_is_what_it_would_be_alone(k, arc_study, study, tracked):
     assert item.provenance["not_selected"] == separate_solution.provenance["not_selected"]
     assert item.notes == separate_solution.notes
     assert item.name == f"landing site, {arc.hours:g} h"
-
-
-def test_arcs_agree_with_the_truth_within_their_sigmas(arc_study):
-    for arc in arc_study.arcs:
-        assert arc.solution.converged
-        # Three coordinates: 1e-5 of chance above 5.1 sigmas.
-        assert arc.solution.reference.combined_sigmas < 5.1
-        for name, (value_m, sigma_m) in arc.solution.biases().items():
-            assert abs(value_m - BIAS_M[name]) < 4.5 * sigma_m
-    assert [arc.hours for arc in arc_study.arcs] == [48.0, 24.0, 12.0]
-    assert all(arc.span_h <= arc.hours for arc in arc_study.arcs)
 
 
 def test_rows_hold_the_differences_of_the_solutions(arc_study):

@@ -77,9 +77,3 @@ def test_links_are_left_out_too_where_they_are_not_all_of_a_station():
 def test_nothing_can_be_left_out_of_one_link():
     with pytest.raises(InputError, match="one station or link"):
         leave_one_out(EXAMPLES / "apollo15" / "apollo15.toml")
-
-
-def test_a_position_must_be_estimated(study):
-    held = replace(study, estimate=replace(study.estimate, position="none"))
-    with pytest.raises(InputError, match="needs the position estimated"):
-        leave_one_out(held)

@@ -175,7 +175,7 @@ def test_place_and_reception_signs_of_links():
 
 def test_names_of_links_have_a_maximum_length():
     with pytest.raises(InputError, match="up to 80 characters"):
-        Link("KASHI", "x" * 101, "KASHI")
+        Link("KASHI", "x" * 81, "KASHI")
 
 
 def test_summary_counts_by_path_and_type():

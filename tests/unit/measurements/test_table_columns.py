@@ -14,9 +14,7 @@ import radioloc
 from radioloc import Observations
 from radioloc.constants import C_M_S
 from radioloc.errors import DataQualityWarning, FileFormatError, InputError
-from radioloc.io.table import read_parquet, write_parquet
 from radioloc.measurements import Link
-from radioloc.measurements.table_columns import UNITS
 from radioloc.time import epochs_from_strings
 
 RANGES = EXAMPLES / "apollo15" / "apollo15_apollo_2006-2007.csv"
@@ -26,16 +24,6 @@ COLUMNS = {
     "epoch_utc": DATES, "type": ["range"] * 2, "path": [PATH] * 2, "observed_m": [765432100.5, 765400200.25],
     "sigma_m": [2.5, 2.0], "time_tag": ["receive"] * 2, "pressure_hpa": [870.0, np.nan],
 }  # fmt: skip
-
-
-def assert_equal(first, second):
-    """Require equal measurements, to the last bit."""
-    for name in ("types", "tags", "paths"):
-        assert np.array_equal(getattr(first, name)(), getattr(second, name)())
-    for name in UNITS:
-        assert np.array_equal(getattr(first, name), getattr(second, name), equal_nan=True), name
-    assert np.array_equal(first.epoch.jd, second.epoch.jd)
-    assert np.array_equal(first.epoch.fraction, second.epoch.fraction)
 
 
 @pytest.fixture(scope="module")
@@ -157,16 +145,6 @@ def test_round_trip_of_tables(form):
     assert np.array_equal(back.value_m, observations.value_m)
     assert np.array_equal(back.wavelength_um, observations.wavelength_um)
     assert np.array_equal(back.line, np.arange(1, 154))
-
-
-def test_parquet_read_by_arrow_has_units(tmp_path, expected):
-    import pyarrow.parquet
-
-    write_parquet(tmp_path / "ranges.parquet", expected)
-    assert_equal(
-        Observations.from_table(pyarrow.parquet.read_table(tmp_path / "ranges.parquet")),
-        read_parquet(tmp_path / "ranges.parquet"),
-    )
 
 
 def test_leap_seconds_in_astropy_but_not_in_pandas():

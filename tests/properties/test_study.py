@@ -6,11 +6,12 @@ import math
 
 import numpy as np
 import pytest
+from arc_cases import observed_at
 from hypothesis import given, reject
 from hypothesis import strategies as st
 
 import radioloc
-from radioloc import LunarPosition, Observations, StationCatalogue
+from radioloc import LunarPosition, StationCatalogue
 from radioloc.errors import InputError
 from radioloc.jobs.selection import select_observations
 from radioloc.measurements import Link
@@ -113,9 +114,10 @@ def test_every_observation_is_kept_or_counted(data):
     n = data.draw(st.integers(1, 12))
     link = data.draw(st.lists(st.integers(0, 3), min_size=n, max_size=n))
     fraction = data.draw(st.lists(st.floats(0.0, 0.999), min_size=n, max_size=n))
-    given = Observations.from_columns(
-        epoch=radioloc.Epochs.from_jd(np.full(n, DAYS), np.array(fraction), "UTC"),
-        links=LINKS,
+    given = observed_at(
+        radioloc.Epochs.from_jd(np.full(n, DAYS), np.array(fraction), "UTC"),
+        LINKS,
+        tag="transmit",
         link=link,
         value_m=7.7e8 + np.arange(n),
         sigma_m=0.01,

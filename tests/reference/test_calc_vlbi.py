@@ -26,6 +26,7 @@ import json
 
 import numpy as np
 import pytest
+from arc_cases import observed_at
 from mappings import niell
 from paths import DATA
 
@@ -35,8 +36,7 @@ from radioloc.earth.eop import EopTable
 from radioloc.earth.geodesy import geodetic_from_itrf, rot_itrf_to_enu
 from radioloc.earth.solid_tide import pole_tide_displacement, secular_pole_rad
 from radioloc.lunar import rot_icrf_to_pa
-from radioloc.measurements import ExactPredictor, FixedPoint, Link, Observations, PhysicalModel
-from radioloc.measurements.registry import KINDS, TIME_TAGS
+from radioloc.measurements import ExactPredictor, FixedPoint, Link, PhysicalModel
 from radioloc.media.neutral_atmosphere import zenith_hydrostatic_delay_m
 from radioloc.time import Epochs, geocentric_tdb_minus_tt, utc_to_tt
 
@@ -174,13 +174,11 @@ def calc_delays(table=CALC):
 
 def predict(model, baseline, tags_s, point_pa_m=POINT_PA_M):
     """Delays and their derivatives by time, s and s/s."""
-    observations = Observations.from_columns(
-        epoch=Epochs.from_jd(2400000.5 + DAY_MJD, tags_s / 86400.0, "UTC"),
-        links=[Link(baseline[0], "apollo15", baseline[1], True)],
+    observations = observed_at(
+        Epochs.from_jd(2400000.5 + DAY_MJD, tags_s / 86400.0, "UTC"),
+        Link(baseline[0], "apollo15", baseline[1], True),
         value_m=0.0,
-        sigma_m=1.0,
-        kind=KINDS.index("vlbi_delay"),
-        tag=TIME_TAGS.index("receive"),
+        kind="vlbi_delay",
     )
     computed = ExactPredictor(model, observations, FixedPoint(point_pa_m)).compute()
     return computed.value_m / C_M_S, computed.by_time_m_s / C_M_S
@@ -223,13 +221,11 @@ def test_growth_of_the_delay(model, baseline):
     """Delay rates as they are observed: by how much CALC's delay grows from one tag to the next, 6 or 8 minutes."""
     tags_s, delay_s, _ = calc_delays()[baseline]
     count_s = np.diff(tags_s)
-    observations = Observations.from_columns(
-        epoch=Epochs.from_jd(2400000.5 + DAY_MJD, (tags_s[:-1] + 0.5 * count_s) / 86400.0, "UTC"),
-        links=[Link(*baseline[:1], "apollo15", *baseline[1:], True)],
+    observations = observed_at(
+        Epochs.from_jd(2400000.5 + DAY_MJD, (tags_s[:-1] + 0.5 * count_s) / 86400.0, "UTC"),
+        Link(*baseline[:1], "apollo15", *baseline[1:], True),
         value_m=0.0,
-        sigma_m=1.0,
-        kind=KINDS.index("vlbi_delay_rate"),
-        tag=TIME_TAGS.index("receive"),
+        kind="vlbi_delay_rate",
         count_s=count_s,
     )
     computed_s = ExactPredictor(model, observations, FixedPoint(POINT_PA_M)).compute().value_m / C_M_S

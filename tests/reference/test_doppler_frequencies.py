@@ -8,6 +8,7 @@ counted where the path says they were sent, and the target's clock has its prope
 import mpmath as mp
 import numpy as np
 import pytest
+from arc_cases import observed_at
 from forty_digits import DIGITS, FortyDigits, mpf
 from geocentric_formulation import GeocentricFormulation
 from spk_files import ORBITER, START_S, low_lunar_orbit, write_states
@@ -19,13 +20,11 @@ from radioloc.measurements import (
     ExactPredictor,
     FixedPoint,
     Link,
-    Observations,
     PhysicalModel,
     Ramps,
     prepare_predictor,
 )
 from radioloc.measurements.physical_model import TERMS
-from radioloc.measurements.registry import kind_of
 from radioloc.time import Epochs, tai_to_utc, utc_to_tt
 
 HZ, RANGE_M = 1e-5, 1e-3
@@ -108,16 +107,7 @@ def geocentric(model, point_pa_m):
 
 def ours_m(model, point_pa_m, kind, path, **keys):
     counted = kind.endswith("doppler")
-    observations = Observations.from_columns(
-        epoch=tai_to_utc(TAI),
-        links=[Link.from_path(path)],
-        kind=kind_of(kind),
-        tag=1,
-        value_m=1.0,
-        sigma_m=1.0,
-        count_s=COUNT_S if counted else np.nan,
-        **keys,
-    )
+    observations = observed_at(TAI, path, kind=kind, count_s=COUNT_S if counted else np.nan, **keys)
     return prepare_predictor(model, observations, FixedPoint(point_pa_m), "exact").compute().value_m
 
 
@@ -234,13 +224,10 @@ def test_constructed_doppler_with_ramps(tmp_path, receiver):
         np.array([piece[2] for piece in pieces]),
         np.array([piece[3] for piece in pieces]),
     )
-    observations = Observations.from_columns(
-        epoch=tai_to_utc(start.shifted(tag_s)),
-        links=[Link("KASHI", "x", receiver)],
-        kind=kind_of("doppler"),
-        tag=1,
-        value_m=1.0,
-        sigma_m=1.0,
+    observations = observed_at(
+        start.shifted(tag_s),
+        Link("KASHI", "x", receiver),
+        kind="doppler",
         count_s=SHORT_S,
         uplink_hz=F0_HZ,
         ramped=True,

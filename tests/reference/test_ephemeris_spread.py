@@ -6,9 +6,10 @@ disagree by is mostly the error of the older one.
 
 import numpy as np
 import pytest
+from arc_cases import observed_at
 
 from radioloc.lunar import rot_icrf_to_pa, rot_pa_to_me
-from radioloc.measurements import Link, Observations, PhysicalModel
+from radioloc.measurements import PhysicalModel
 from radioloc.parameters import PARAMETERS
 from radioloc.time import Epochs
 
@@ -50,9 +51,7 @@ class _Rows:
     def __init__(self, model, year):
         epoch = Epochs.from_jd(2451545.0, np.array([(year - 2000.0) * 365.25]), "UTC")
         self.model = model
-        self.observations = Observations.from_columns(
-            epoch=epoch, links=[Link("APOLLO", "x", "APOLLO")], kind=0, value_m=7e8, sigma_m=1.0
-        )
+        self.observations = observed_at(epoch, "APOLLO>x>APOLLO", tag="transmit", value_m=7e8)
 
 
 def apriori(kind, model, year):

@@ -9,12 +9,12 @@ import itertools
 
 import numpy as np
 import pytest
+from arc_cases import observed_at
 from geocentric_formulation import GeocentricFormulation
 
 from radioloc.constants import C_M_S
 from radioloc.lunar.position import LunarPosition
-from radioloc.measurements import TERMS, ExactPredictor, FixedPoint, Link, Observations, PhysicalModel
-from radioloc.measurements.registry import KINDS, TIME_TAGS
+from radioloc.measurements import TERMS, ExactPredictor, FixedPoint, Link, PhysicalModel
 from radioloc.time import Epochs, epochs_from_strings, tai_to_utc, utc_to_tai, utc_to_tt
 
 RANGE_GOAL_M, DELAY_GOAL_S = 1e-3, 3e-12
@@ -66,14 +66,7 @@ def geocentric(model, point_pa_m):
 
 
 def barycentric_m(model, point_pa_m, first, second, tag, kind="range"):
-    observations = Observations.from_columns(
-        epoch=TAGS,
-        links=[Link(first, "lander", second, kind == "vlbi_delay")],
-        value_m=1.0,
-        sigma_m=1.0,
-        kind=KINDS.index(kind),
-        tag=TIME_TAGS.index(tag),
-    )
+    observations = observed_at(TAGS, Link(first, "lander", second, kind == "vlbi_delay"), kind=kind, tag=tag)
     return ExactPredictor(model, observations, FixedPoint(point_pa_m)).compute().value_m
 
 
@@ -106,15 +99,7 @@ def test_one_way_range(model, point_pa_m, geocentric, station, tag):
 @pytest.mark.parametrize("station", RANGING)
 def test_one_way_doppler(model, point_pa_m, station):
     """The range difference over a minute, against the second formulation at both ends."""
-    observations = Observations.from_columns(
-        epoch=TAGS,
-        links=[Link("", "lander", station)],
-        value_m=1.0,
-        sigma_m=1.0,
-        kind=KINDS.index("one_way_doppler"),
-        tag=TIME_TAGS.index("receive"),
-        count_s=60.0,
-    )
+    observations = observed_at(TAGS, Link("", "lander", station), kind="one_way_doppler", count_s=60.0)
     doppler_m = ExactPredictor(model, observations, FixedPoint(point_pa_m)).compute().value_m
     tt, itrf_m = utc_to_tt(TAGS), model.catalogue[station].itrf_m
     late_m, early_m = (

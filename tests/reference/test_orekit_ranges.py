@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from arc_cases import observed_at
 from low_orbit import EPOCH, forces, propagated
 
 import radioloc
@@ -21,7 +22,6 @@ from radioloc.errors import InputError
 from radioloc.io import from_orekit, to_orekit
 from radioloc.io.ccsds import write_orbit_oem
 from radioloc.measurements import TERMS, ExactPredictor, Link, Observations, PhysicalModel
-from radioloc.measurements.registry import KINDS, TIME_TAGS
 from radioloc.time.scales import tai_to_utc, tdb_to_tt, tt_to_tai, utc_to_tai
 
 STATION = "DSS-43"
@@ -117,14 +117,7 @@ def computed(orbit, station, earth=None):
     model = PhysicalModel.build(ephemeris="DE440", libration="DE440", catalogue=catalogue, off=off)
     if earth is not None:
         model = dataclasses.replace(model, earth=earth)
-    observations = Observations.from_columns(
-        epoch=EPOCHS_UTC,
-        links=[Link(STATION, "x", STATION, False)],
-        value_m=7.7e8,
-        sigma_m=1.0,
-        kind=KINDS.index("range"),
-        tag=TIME_TAGS.index("receive"),
-    )
+    observations = observed_at(EPOCHS_UTC, Link(STATION, "x", STATION, False), value_m=7.7e8, kind="range")
     return ExactPredictor(model, observations, orbit).compute().value_m
 
 
@@ -156,9 +149,7 @@ def test_measurements_of_orekit_have_the_same_residuals(orbit, orekit, kind, pat
     model = PhysicalModel.build(ephemeris="DE440", libration="DE440", off=off)
     _, table, late_s = orekit
     model = dataclasses.replace(model, earth=EarthOrientation(table))
-    observations = Observations.from_columns(
-        epoch=EPOCHS_UTC, links=[path], kind=kind, tag="receive", value_m=value_m, sigma_m=1.0
-    )
+    observations = observed_at(EPOCHS_UTC, path, kind=kind, value_m=value_m)
     # Measurements have dates in TT, which Orekit converts to its TDB. Left as it is, that is 16 mm of range.
     times = tai_to_utc(utc_to_tai(EPOCHS_UTC).shifted(late_s))
     late = dataclasses.replace(observations, epoch=times)
@@ -192,14 +183,8 @@ def test_observations_return_from_orekit(orekit):
     assert [back.links[k].path for k in back.link] == columns["links"]
     delay_s = utc_to_tai(back.epoch).seconds_since(utc_to_tai(utc))
     np.testing.assert_allclose(delay_s, [7.7e8 / radioloc.constants.C_M_S, 0.0, 0.0], atol=1e-10)
-    doppler = Observations.from_columns(
-        epoch=utc[:1],
-        links=columns["links"][:1],
-        kind="doppler",
-        tag="receive",
-        count_s=60.0,
-        value_m=1e3,
-        sigma_m=0.1,
+    doppler = observed_at(
+        utc[:1], columns["links"][:1], kind="doppler", count_s=60.0, value_m=1e3, sigma_m=0.1
     )
     with pytest.raises(InputError, match="write_tdm"):
         to_orekit(doppler)

@@ -9,12 +9,12 @@ import itertools
 
 import numpy as np
 import pytest
+from arc_cases import observed_at
 from astropy import units as u
 from astropy.coordinates import get_body_barycentric_posvel
 
 from radioloc.constants import C_M_S
-from radioloc.measurements import TERMS, FixedPoint, Link, Observations, PhysicalModel, prepare_predictor
-from radioloc.measurements.registry import kind_of
+from radioloc.measurements import TERMS, FixedPoint, Link, PhysicalModel, prepare_predictor
 from radioloc.time import Epochs, tai_to_tt
 
 STATIONS = ("SESHAN25", "KUNMING", "URUMQI", "MIYUN50")
@@ -49,14 +49,12 @@ def model():
 def delays(model, links, tai=TAI, kind="vlbi_delay", count_s=np.nan):
     utc = Epochs.from_time(tai.to_time().utc)
     n = len(tai)
-    observations = Observations.from_columns(
-        epoch=Epochs(np.tile(utc.jd, len(links)), np.tile(utc.fraction, len(links)), "UTC"),
-        links=links,
+    observations = observed_at(
+        Epochs(np.tile(utc.jd, len(links)), np.tile(utc.fraction, len(links)), "UTC"),
+        links,
         link=np.repeat(np.arange(len(links)), n),
-        value_m=1.0,
         sigma_m=0.01,
-        kind=kind_of(kind),
-        tag=1,
+        kind=kind,
         wavelength_um=35394.6,
         count_s=count_s,
     )

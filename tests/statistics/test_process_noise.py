@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from arc_cases import observed_at
 from low_orbit import EPOCH
 from tracked_orbit import OFF, PASSES_S, STATE, craft, tracked
 
@@ -13,12 +14,10 @@ from radioloc.dynamics.stochastic import stochastic_forces
 from radioloc.jobs.preparation import prepared_arc
 from radioloc.jobs.problem import EstimationProblem
 from radioloc.jobs.stochastic import IndependentAccelerations, StochasticProblem
-from radioloc.measurements import ExactPredictor, Link, Observations
+from radioloc.measurements import ExactPredictor, Link
 from radioloc.measurements.observations import DOPPLER
 from radioloc.study import EstimateChoice
 from radioloc.study.orbit_choice import OrbitChoice, ProcessNoise
-from radioloc.time import tai_to_utc
-from radioloc.time.scales import tdb_to_tt, tt_to_tai
 
 SIGMA_M = 2.2e-3  # of 60 s of two-way Doppler: 0.018 mm/s in the distance
 FIELDS = 60
@@ -79,13 +78,11 @@ def test_states_of_two_orbits_with_process_noise_cover_the_truth(model):
     states = {"craft": STATE, "other": STATE[[1, 0, 2, 4, 3, 5]]}
     seconds, stations = np.arange(-3000.0, 6000.0, 120.0), ("DSS-24", "DSS-65")
     links = [Link(station, name, station) for station in stations for name in epochs]
-    observations = Observations.from_columns(
-        epoch=tai_to_utc(tt_to_tai(tdb_to_tt(EPOCH.shifted(np.tile(seconds, len(links)))))),
-        links=links,
+    observations = observed_at(
+        EPOCH.shifted(np.tile(seconds, len(links))),
+        links,
         link=np.repeat(np.arange(len(links)), len(seconds)),
         kind=DOPPLER,
-        tag=1,
-        value_m=1.0,
         sigma_m=2e-3,
         count_s=60.0,
         wavelength_um=3.6e4,

@@ -1,13 +1,13 @@
 """Observations to predict and points on the Moon for tests of the measurement chain."""
 
+from collections.abc import Sequence
 from dataclasses import fields, replace
 
 import numpy as np
 
 from radioloc.earth.orientation import EarthOrientation
 from radioloc.measurements import Computed, FixedPoint, Link, Observations, PhysicalModel
-from radioloc.measurements.registry import TIME_TAGS, kind_of
-from radioloc.time import Epochs, tai_to_utc
+from radioloc.time import Epochs, epochs_from_strings, to_scale
 
 # JPL's DE421 reflector coordinates, principal axes: radius (m), latitude and east longitude (deg), as in the
 # prediction tables of McDonald Observatory labelled "JPL DE-421".
@@ -36,17 +36,23 @@ APOLLO15_PA_M = REFLECTORS_PA_M["apollo15"]
 APOLLO15 = FixedPoint(APOLLO15_PA_M)
 
 
+def observed_at(
+    epoch: Epochs | list[str], links: Link | str | Sequence[Link | str], tag: str = "receive", **columns: object
+) -> Observations:
+    """Return observations at epochs, texts of UTC or of any scale, whose values are to be computed."""
+    return Observations.from_columns(
+        epoch=to_scale(epoch, "UTC") if isinstance(epoch, Epochs) else epochs_from_strings(epoch, "UTC"),
+        links=[links] if isinstance(links, (Link, str)) else links,
+        tag=tag,
+        **({"value_m": 1.0, "sigma_m": 1.0} | columns),
+    )
+
+
 def observations(
     path: str, tai: Epochs, tag: str = "transmit", kind: str = "range", **columns: object
 ) -> Observations:
-    """Return observations with arbitrary values at epochs of TAI on one path such as ``KASHI>x>JIAMUSI``."""
-    return Observations.from_columns(
-        epoch=tai_to_utc(tai),
-        links=[Link.from_path(path)],
-        tag=TIME_TAGS.index(tag),
-        kind=kind_of(kind),
-        **({"value_m": 1.0, "sigma_m": 1.0} | columns),
-    )
+    """Return observations on one path such as ``KASHI>x>JIAMUSI``, times those of transmission."""
+    return observed_at(tai, path, tag, kind=kind, **columns)
 
 
 def epochs_tai(

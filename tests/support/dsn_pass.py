@@ -11,13 +11,13 @@ from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
+from arc_cases import observed_at
 from odf_files import odf
 
 from radioloc.constants import C_M_S
 from radioloc.lunar import LunarPosition
-from radioloc.measurements import ExactPredictor, FixedPoint, Link, Observations, PhysicalModel
-from radioloc.measurements.registry import kind_of
-from radioloc.time import epochs_from_strings, tai_to_utc, utc_to_tai
+from radioloc.measurements import ExactPredictor, FixedPoint, Link, PhysicalModel
+from radioloc.time import epochs_from_strings, utc_to_tai
 
 LANDER = LunarPosition.from_selenographic(31.25, 8.4, -1750.0, "ME_DE421")
 """True position; the study begins a kilometre away."""
@@ -41,13 +41,11 @@ def path_m(model, station, tag_s, one_way):
     """Return the light path at the antenna, m, by seconds of day of reception."""
     start = utc_to_tai(epochs_from_strings([DAY], "UTC"))
     name = f"DSS-{station}"
-    plan = Observations.from_columns(
-        epoch=tai_to_utc(start[np.zeros(len(tag_s), dtype=int)].shifted(tag_s)),
-        links=[Link("" if one_way else name, "lander", name)],
-        kind=kind_of("one_way_range" if one_way else "range"),
-        tag=1,
+    plan = observed_at(
+        start[np.zeros(len(tag_s), dtype=int)].shifted(tag_s),
+        Link("" if one_way else name, "lander", name),
+        kind="one_way_range" if one_way else "range",
         value_m=7e8,
-        sigma_m=1.0,
         wavelength_um=1e6 * C_M_S / (X_UP_HZ * 880 / 749),
         uplink_hz=np.nan if one_way else X_UP_HZ,
     )

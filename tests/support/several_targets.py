@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from arc_cases import observed_at
 from descent import Descent
 
 import radioloc
@@ -16,8 +17,6 @@ from radioloc.measurements.observations import DOPPLER, RANGE
 from radioloc.study import EstimateChoice, ObservationChoice
 from radioloc.study.orbit_choice import OrbitChoice
 from radioloc.study.orbiter import Orbiter
-from radioloc.time import tai_to_utc
-from radioloc.time.scales import tdb_to_tt, tt_to_tai
 
 FLIGHT = Descent(before_s=1500.0, step_s=30.0, segment_s=60.0, planned_s=60.0, true_s=60.0, degree=4)
 LANDER = LunarPosition.from_selenographic(-51.9, 43.05, -2500.0, "ME_DE421")
@@ -63,13 +62,11 @@ def scene(folder: Path) -> Scene:
     n, names = len(SECONDS), ("lander", "rover", "craft", "other", "known", "descent")
     cases = [(kind, station, name) for name in names for kind in (RANGE, DOPPLER) for station in STATIONS]
     kind = np.repeat([case[0] for case in cases], n)
-    table = Observations.from_columns(
-        epoch=tai_to_utc(tt_to_tai(tdb_to_tt(epoch.shifted(np.tile(SECONDS, len(cases)))))),
-        links=[Link(station, name, station) for _, station, name in cases],
+    table = observed_at(
+        epoch.shifted(np.tile(SECONDS, len(cases))),
+        [Link(station, name, station) for _, station, name in cases],
         link=np.repeat(np.arange(len(cases)), n),
         kind=kind,
-        tag=1,
-        value_m=1.0,
         sigma_m=np.array([SIGMA_M[k] for k in kind]),
         count_s=np.where(kind == DOPPLER, 60.0, np.nan),
         wavelength_um=3.6e4,

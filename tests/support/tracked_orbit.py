@@ -4,14 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from arc_cases import observed_at
 from low_orbit import EPOCH
 from paths import LARGE_DATA
 
-from radioloc.measurements import ExactPredictor, Link, Observations
+from radioloc.measurements import ExactPredictor
 from radioloc.measurements.observations import DOPPLER
 from radioloc.study.orbiter import Orbiter
-from radioloc.time import tai_to_utc
-from radioloc.time.scales import tdb_to_tt, tt_to_tai
 
 STATE = np.array([575739.0, -463249.0, -1631639.0, -567.864, 1434.223, -600.209])
 REAL = LARGE_DATA / "odf"
@@ -46,13 +45,11 @@ def craft(state, forces, gravity_errors=0, **fields):
 def tracked(model, forces, sigma_m, seconds=PASSES_S, state=STATE, seed=20120409, handover_s=6000.0):
     """Return counts of 60 s with noise, whether each is usable, and the orbit."""
     tdb = EPOCH.shifted(seconds)
-    empty = Observations.from_columns(
-        epoch=tai_to_utc(tt_to_tai(tdb_to_tt(tdb))),
-        links=[Link("DSS-24", "craft", "DSS-24"), Link("DSS-65", "craft", "DSS-65")],
+    empty = observed_at(
+        tdb,
+        ["DSS-24>craft>DSS-24", "DSS-65>craft>DSS-65"],
         link=(seconds < handover_s).astype(int),
         kind=DOPPLER,
-        tag=1,
-        value_m=1.0,
         sigma_m=sigma_m,
         count_s=60.0,
         wavelength_um=3.6e4,

@@ -13,6 +13,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from arc_cases import observed_at
 from paths import EXAMPLES, ROOT
 from quick import some
 
@@ -90,13 +91,11 @@ def write_half_ranges(folder: Path) -> None:
     """
     epochs = [f"2020-12-{1 + hour // 24:02d}T{hour % 24:02d}:30:00" for hour in range(12, 60)]
     stations = ["KASHI", "JIAMUSI"]
-    plan = radioloc.Observations.from_columns(
-        epoch=radioloc.time.epochs_from_strings([epoch for epoch in epochs for _ in stations], "UTC"),
+    plan = observed_at(
+        [epoch for epoch in epochs for _ in stations],
+        [radioloc.measurements.Link(name, "lander", name) for name in stations],
         value_m=7.6e8,
-        sigma_m=1.0,
-        links=[radioloc.measurements.Link(name, "lander", name) for name in stations],
         link=np.tile([0, 1], len(epochs)),
-        tag=1,
     )
     model = radioloc.measurements.PhysicalModel.build()
     lander_pa_m = LANDER.to_axes("PA", model.ephemeris.constants).xyz_m

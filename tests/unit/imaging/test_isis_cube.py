@@ -71,13 +71,9 @@ AXES = ["X", "Y", "Z", "XV", "YV", "ZV"]
 QUATERNION = ["Q0", "Q1", "Q2", "Q3"]
 
 
-def support_data():
-    return json.loads(gzip.decompress((ISDS / "lro_nac.json.gz").read_bytes()))
-
-
 def write_cube(path, *, window=None, **replaced):
     """Write a cube with the tables of the ISD; a window is its first sample and line, samples and lines."""
-    isd = support_data()
+    isd = json.loads(gzip.decompress((ISDS / "lro_nac.json.gz").read_bytes()))
     lines, samples = isd["image_lines"], isd["image_samples"]
     exposure_s = isd["line_scan_rate"][0][2] / (1.0 + LINE_ERROR)
     alpha_cube = ""

@@ -76,10 +76,6 @@ def assert_close(values, expected, relative=PARTIALS_RELATIVE):
     assert np.abs(values - expected).max() < relative * np.abs(expected).max()
 
 
-def along_lines(name):
-    return PARTIALS_RELATIVE if name == "frame" else KINKS_RELATIVE
-
-
 @pytest.mark.parametrize("surface_name", SURFACES)
 @pytest.mark.parametrize("model_name", MODELS)
 def test_partials_of_ground_points(model_name, surface_name):
@@ -91,7 +87,7 @@ def test_partials_of_ground_points(model_name, surface_name):
         assert_close(
             ground.by_pixel[:, :, k],
             image_to_ground(model, pixels + step, surface) - image_to_ground(model, pixels - step, surface),
-            along_lines(model_name),
+            (PARTIALS_RELATIVE if model_name == "frame" else KINKS_RELATIVE),
         )
     for k in range(3):
         for partials, change, step in ((ground.by_position, moved, 10.0), (ground.by_angles, turned, 1e-5)):

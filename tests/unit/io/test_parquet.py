@@ -3,13 +3,14 @@
 import numpy as np
 import pyarrow
 import pytest
+from arc_cases import observed_at
 from pyarrow import parquet as pq
 
 from radioloc.errors import FileFormatError, InputError
 from radioloc.io import table as module
 from radioloc.io.formats import read_observations, write_observations
 from radioloc.io.table import read_parquet, read_table, write_parquet, write_table
-from radioloc.measurements import Link, Observations
+from radioloc.measurements import Link
 from radioloc.time.dates import utc_from_text
 
 NUMBERS = (
@@ -31,12 +32,11 @@ def some_observations(count=6):
     texts = ["2016-12-31T23:59:60.5", "1972-01-01T00:00:00", "2024-02-29T23:59:59.999999999990"]
     texts += [f"2020-12-01T00:{k // 60:02d}:{k % 60:02d}.{7 * k:012d}" for k in range(count - 3)]
     kind = np.arange(count) % 3
-    return Observations.from_columns(
-        epoch=utc_from_text(texts),
-        links=(Link("A", "b", "Ł"), Link("A", "b", "C", differenced=True)),
+    return observed_at(
+        utc_from_text(texts),
+        ["A>b>Ł", Link("A", "b", "C", differenced=True)],
         link=kind == 1,
         kind=kind,
-        tag=1,
         value_m=np.choose(kind, [7.9e8 + np.pi * np.arange(count), -1.2e6, -0.0]),
         sigma_m=1.0 / 3.0,
         pressure_hpa=np.where(kind == 0, 950.1, np.nan),

@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
+from arc_cases import observed_at
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from radioloc.constants import C_M_S
 from radioloc.errors import FileFormatError, InputError
 from radioloc.io import read_table, table, write_table
-from radioloc.measurements import Link, Observations
 from radioloc.text_files import read_blocks
 from radioloc.time import Epochs
 
@@ -75,9 +75,9 @@ finite = st.floats(1e-3, 1e12, allow_nan=False)
 )
 def test_any_observations_come_back(days, fraction, value, sigma, pressure, tag, tmp_path_factory):
     n = len(days)
-    observations = Observations.from_columns(
-        epoch=Epochs.from_jd(2441317.5 + np.array(days), fraction, "UTC"),
-        links=(Link("A", "b c", "Ł"),),
+    observations = observed_at(
+        Epochs.from_jd(2441317.5 + np.array(days), fraction, "UTC"),
+        "A>b c>Ł",
         value_m=value + np.arange(n),
         sigma_m=sigma,
         pressure_hpa=pressure,

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from arc_cases import observed_at
 from tdm_messages import DELAY, kvn
 
 import radioloc
@@ -12,10 +13,9 @@ from radioloc.ephemeris import CONSTANTS
 from radioloc.errors import InputError
 from radioloc.jobs.preparation import build_model
 from radioloc.measurements import Link
-from radioloc.measurements.registry import kind_of
 from radioloc.parameters.choice import parameter_choices
 from radioloc.study import EstimateChoice, ModelChoice, ObservationChoice
-from radioloc.time import Epochs, tai_to_utc
+from radioloc.time import Epochs
 
 SITE = LunarPosition.from_selenographic(-51.9162, 43.0584, -2550.4)
 APRIORI = LunarPosition.from_selenographic(-51.9, 43.0, -2550.4)
@@ -41,12 +41,10 @@ def table(targets, kind="vlbi_delay"):
     links = [Link.from_path(f"{a}<{target}>{b}") for target in targets for a, b in BASELINES]
     scans = np.arange(150)
     parts = [
-        Observations.from_columns(
-            epoch=tai_to_utc(Epochs.from_jd(2459185.5, (15.0 + scans[index] * 4.0 / 60.0) / 24.0, "TAI")),
-            links=[link],
-            kind=kind_of(kind),
-            tag=1,
-            value_m=1.0,
+        observed_at(
+            Epochs.from_jd(2459185.5, (15.0 + scans[index] * 4.0 / 60.0) / 24.0, "TAI"),
+            link,
+            kind=kind,
             sigma_m=0.02,
             wavelength_um=35394.6,
         )

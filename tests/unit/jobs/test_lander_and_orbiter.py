@@ -4,17 +4,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from arc_cases import observed_at
 from low_orbit import EPOCH
 from tracked_orbit import STATE, craft
 
 import radioloc
 from radioloc import LunarPosition, Study
 from radioloc.dynamics import Forces, GravityField
-from radioloc.measurements import ExactPredictor, Link, Observations, PhysicalModel
+from radioloc.measurements import ExactPredictor, Link, PhysicalModel
 from radioloc.measurements.observations import DOPPLER, RANGE
 from radioloc.parameters.choice import ParameterChoice
 from radioloc.study import EstimateChoice
-from radioloc.time import tai_to_utc
 from radioloc.time.scales import tdb_to_tt, tt_to_tai
 
 LANDER = LunarPosition.from_selenographic(-51.9162, 43.0584, -2550.4)
@@ -50,13 +50,11 @@ def tracking(model, forces):
     n = len(SECONDS)
     tai = tt_to_tai(tdb_to_tt(EPOCH.shifted(np.tile(SECONDS, len(CASES)))))
     kind = np.repeat([case[0] for case in CASES], n)
-    table = Observations.from_columns(
-        epoch=tai_to_utc(tai),
-        links=links,
+    table = observed_at(
+        tai,
+        links,
         link=np.repeat(np.arange(len(CASES)), n),
         kind=kind,
-        tag=1,
-        value_m=1.0,
         sigma_m=np.array([SIGMA_M[k] for k in kind]),
         count_s=np.where(kind == DOPPLER, 60.0, np.nan),
         wavelength_um=3.6e4,

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from arc_cases import observed_at
 from quick import each_with_one
 
 import radioloc
@@ -61,9 +62,9 @@ def test_lander_near_a_pole_is_found_from_across_the_pole(place, form, apollo15,
     predicted_m = (
         radioloc.measurements.ExactPredictor(model, sample, FixedPoint(truth.xyz_m)).compute().value_m
     )
-    observations = radioloc.Observations.from_columns(
-        epoch=sample.epoch,
-        links=sample.links,
+    observations = observed_at(
+        sample.epoch,
+        sample.links,
         link=sample.link,
         tag=sample.tag,
         value_m=predicted_m,

@@ -3,12 +3,11 @@
 import hashlib
 
 import pytest
+from arc_cases import observed_at
 
 import radioloc
 from radioloc.constants import C_M_S
-from radioloc.measurements import Link, Observations
-from radioloc.measurements.registry import KINDS, TIME_TAGS
-from radioloc.time import epochs_from_strings
+from radioloc.measurements import Link
 
 LINES = """\
 SESHAN25  59185.50  0.00123000  0.00055000  2.3200  0.1200  1021.00  10.00  9.00
@@ -31,14 +30,7 @@ vmf3 = ["2020*.vmf3_r"]
 
 
 def delays(date="2020-12-02T15:00:00", first="URUMQI"):
-    return Observations.from_columns(
-        epoch=epochs_from_strings([date], "UTC"),
-        links=[Link(first, "lander", "SESHAN25", True)],
-        value_m=1e6,
-        sigma_m=1.0,
-        kind=KINDS.index("vlbi_delay"),
-        tag=TIME_TAGS.index("receive"),
-    )
+    return observed_at([date], Link(first, "lander", "SESHAN25", True), value_m=1e6, kind="vlbi_delay")
 
 
 @pytest.fixture
@@ -87,12 +79,10 @@ def calibrated(tmp_path, read):
     (tmp_path / "cards.csp").write_text(CARDS)
 
     def reader(keys='csp = ["cards.csp"]\ncsp_scid = 177', date="2020-12-02T12:30:00", second="DSS-24"):
-        ranges = Observations.from_columns(
-            epoch=epochs_from_strings([date], "UTC"),
-            links=[Link("DSS-24", "lander", second)],
+        ranges = observed_at(
+            [date],
+            Link("DSS-24", "lander", second),
             value_m=8e8,
-            sigma_m=1.0,
-            tag=TIME_TAGS.index("receive"),
             uplink_hz=2.1e9,
             wavelength_um=C_M_S / 2.28e9 * 1e6,
         )

@@ -2,12 +2,13 @@
 
 import numpy as np
 import pytest
+from arc_cases import observed_at
 
-from radioloc import Observations, StationCatalogue
+from radioloc import StationCatalogue
 from radioloc.errors import InputError, StationError
 from radioloc.jobs.selection import select_observations, with_target_names
 from radioloc.measurements import Link, Ramps
-from radioloc.measurements.registry import KINDS, TIME_TAGS
+from radioloc.measurements.registry import KINDS
 from radioloc.study import ObservationChoice
 from radioloc.time import epochs_from_strings
 
@@ -23,13 +24,7 @@ LINKS = (
 
 def observations(link, dates):
     n = len(link)
-    return Observations.from_columns(
-        epoch=epochs_from_strings(dates, "UTC"),
-        links=LINKS,
-        link=link,
-        value_m=7.7e8 + np.arange(n),
-        sigma_m=0.01,
-    )
+    return observed_at(dates, LINKS, tag="transmit", link=link, value_m=7.7e8 + np.arange(n), sigma_m=0.01)
 
 
 def some():
@@ -58,14 +53,12 @@ def test_targets_under_the_names_of_the_study():
         [2e9, 8e9],
         [0, 0],
     )
-    observed = Observations.from_columns(
-        epoch=epochs_from_strings(["2012-04-01"] * 3, "UTC"),
-        links=links,
+    observed = observed_at(
+        ["2012-04-01"] * 3,
+        links,
         link=[0, 1, 2],
         kind=[KINDS.index("range"), *[KINDS.index("one_way_doppler")] * 2],
-        tag=1,
         value_m=[7.7e8, 1.0, 2.0],
-        sigma_m=1.0,
         count_s=1.0,
         ramps=of_beacon,
     )
@@ -100,12 +93,11 @@ def test_targets_with_positions_are_kept():
 
 def test_links_of_two_targets_need_both():
     links = [Link("JIAMUSI", "lander", "KASHI", True, "rover"), Link("JIAMUSI", "rover", "KASHI", True)]
-    observed = Observations.from_columns(
-        epoch=epochs_from_strings(["2024-05-03", "2024-05-04"], "UTC"),
-        links=links,
+    observed = observed_at(
+        ["2024-05-03", "2024-05-04"],
+        links,
         link=[0, 1],
         kind=[KINDS.index("differenced_delay"), KINDS.index("vlbi_delay")],
-        tag=TIME_TAGS.index("receive"),
         value_m=[0.0, 1.0],
         sigma_m=0.01,
     )

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from arc_cases import epochs_tai
+from arc_cases import epochs_tai, observed_at
 from spk_files import ORBITER, circular, low_lunar_orbit, tracking, write_states
 
 import radioloc
@@ -33,13 +33,8 @@ def folder(tmp_path_factory):
     observed_m[40:] += BIAS_M
     write_table(
         folder / "ranges.csv",
-        Observations.from_columns(
-            epoch=plan.epoch,
-            links=plan.links,
-            link=plan.link,
-            value_m=observed_m,
-            sigma_m=SIGMA_M,
-            tag=plan.tag,
+        observed_at(
+            plan.epoch, plan.links, link=plan.link, value_m=observed_m, sigma_m=SIGMA_M, tag=plan.tag
         ),
     )
     return folder
@@ -114,8 +109,8 @@ def test_a_spacecraft_on_its_way_has_ranges_of_its_own(tmp_path, form):
     arc = radioloc.measurements.ExactPredictor(model, plan, radioloc.ephemeris.Trajectory.open(file, ORBITER))
     computed = arc.compute()
     visible = np.flatnonzero(computed.usable)
-    observed = Observations.from_columns(
-        epoch=plan.epoch, links=plan.links, value_m=computed.value_m, sigma_m=SIGMA_M, tag=plan.tag
+    observed = observed_at(
+        plan.epoch, plan.links, value_m=computed.value_m, sigma_m=SIGMA_M, tag=plan.tag
     ).select(visible)
     if form == "table":
         write_table(tmp_path / "ranges.dat", observed)

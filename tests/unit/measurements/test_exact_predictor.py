@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
-from arc_cases import APOLLO15, APOLLO15_PA_M, LASER, epochs_tai, observations
+from arc_cases import APOLLO15, APOLLO15_PA_M, LASER, epochs_tai, observations, observed_at
 
 from radioloc.constants import C_M_S
 from radioloc.errors import CoverageError, InputError, StationError
-from radioloc.measurements import TERMS, ExactPredictor, FixedPoint, Link, Observations
+from radioloc.measurements import TERMS, ExactPredictor, FixedPoint
 from radioloc.media.medium import Status, describe
-from radioloc.time import Epochs, epochs_from_strings
+from radioloc.time import Epochs
 from radioloc.time.scales import tdb_to_tt, tt_to_tai
 
 # Values that are equal by definition agree to this; the rounding of a prediction is below half a micrometre.
@@ -172,12 +172,12 @@ def test_below_three_degrees_only_the_troposphere_is_missing(model, radio):
 
 def test_unknown_station_names_file_and_line(radio):
     tai = epochs_tai(3, 1.0)
-    table = Observations.from_columns(
-        epoch=observations("KASHI>x>KASHI", tai).epoch,
-        links=[Link("KASHI", "x", "KASHI"), Link("KASHI", "x", "KASHGAN")],
+    table = observed_at(
+        observations("KASHI>x>KASHI", tai).epoch,
+        ["KASHI>x>KASHI", "KASHI>x>KASHGAN"],
+        tag="transmit",
         link=[0, 0, 1],
         value_m=7e8,
-        sigma_m=1.0,
         files=["pass.tdm"],
         line=[7, 8, 19],
     )
@@ -189,9 +189,7 @@ def test_unknown_station_names_file_and_line(radio):
 
 @pytest.mark.parametrize("date", ["2050-06-01", "2051-01-01"])
 def test_epochs_outside_kernels_or_earth_orientation(radio, date):
-    table = Observations.from_columns(
-        epoch=epochs_from_strings(date, "UTC"), links=[Link("KASHI", "x", "KASHI")], value_m=7e8, sigma_m=1.0
-    )
+    table = observed_at(date, "KASHI>x>KASHI", tag="transmit", value_m=7e8)
     with pytest.raises(CoverageError, match=r"kernel|Earth orientation|\.bsp"):
         ExactPredictor(radio, table, APOLLO15)
 

@@ -4,15 +4,13 @@ import warnings
 
 import numpy as np
 import pytest
+from arc_cases import observed_at
 
-from radioloc import Observations, read_observations
+from radioloc import read_observations
 from radioloc.constants import C_M_S
 from radioloc.errors import DataQualityWarning
 from radioloc.io import FrequencyAgreement
-from radioloc.measurements import Link
 from radioloc.measurements.quantised import common_step, with_rounding_in_sigmas
-from radioloc.measurements.registry import KINDS
-from radioloc.time import epochs_from_strings
 
 RNG = np.random.default_rng(5)
 SMOOTH = 7.7e8 + 4e5 * np.sin(np.linspace(0.0, 3.0, 400))
@@ -46,11 +44,10 @@ def test_values_without_a_step_have_none(values):
 def test_steps_under_two_transmitted_frequencies_are_found():
     hz = 100.0 * np.rint((1e6 + 2e4 * np.cos(np.linspace(0.0, 2.0, 40))) / 100.0)
     uplink_hz = np.repeat([7.2e9, 7.2004e9], 20)
-    observations = Observations.from_columns(
-        epoch=epochs_from_strings([f"2021-03-28T14:{k:02d}:00" for k in range(40)], "UTC"),
-        links=[Link("KASHI", "lander", "KASHI")],
-        kind=KINDS.index("doppler"),
-        tag=1,
+    observations = observed_at(
+        [f"2021-03-28T14:{k:02d}:00" for k in range(40)],
+        "KASHI>lander>KASHI",
+        kind="doppler",
         count_s=60.0,
         value_m=C_M_S * 60.0 * hz / uplink_hz,
         sigma_m=0.01,

@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from arc_cases import observed_at
 
 from radioloc.constants import C_M_S
 from radioloc.errors import FileFormatError, InputError
@@ -37,13 +38,10 @@ TUNED = ramps(
 
 
 def observations(links, kind=DOPPLER, seconds=(0.0, 60.0, 120.0, 200.0, 300.0), ramped=True, of=TUNED):
-    return Observations.from_columns(
-        epoch=at(np.array(seconds)),
-        links=links,
+    return observed_at(
+        at(np.array(seconds)),
+        links,
         kind=kind,
-        tag=1,
-        value_m=1.0,
-        sigma_m=1.0,
         count_s=COUNT_S if kind == DOPPLER else np.nan,
         uplink_hz=F0_HZ,
         wavelength_um=C_M_S / 8.4e9 * 1e6,
@@ -138,16 +136,7 @@ def test_observations_keep_their_ramps_and_need_a_reference_frequency():
     assert joined[:2].ramps is joined.ramps
     assert joined.ramped.all()
     with pytest.raises(InputError, match="ramped: expected a reference"):
-        Observations.from_columns(
-            epoch=START,
-            links=[TWO_WAY],
-            kind=DOPPLER,
-            tag="receive",
-            value_m=1.0,
-            sigma_m=1.0,
-            count_s=1.0,
-            ramped=True,
-        )
+        observed_at(START, TWO_WAY, kind=DOPPLER, count_s=1.0, ramped=True)
     with pytest.raises(InputError, match="two-way ranges"):
         observations([THREE_WAY], RANGE)
 

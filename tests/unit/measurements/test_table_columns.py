@@ -6,6 +6,7 @@ import pandas
 import polars
 import pyarrow
 import pytest
+from arc_cases import observed_at
 from astropy.table import MaskedColumn, QTable, Table
 from astropy.time import Time
 from paths import EXAMPLES
@@ -28,12 +29,11 @@ COLUMNS = {
 
 @pytest.fixture(scope="module")
 def expected():
-    return Observations.from_columns(
-        epoch=epochs_from_strings(DATES, "UTC"),
-        links=[Link("KASHI", "lander", "KASHI")],
+    return observed_at(
+        DATES,
+        "KASHI>lander>KASHI",
         value_m=[765432100.5, 765400200.25],
         sigma_m=[2.5, 2.0],
-        tag="receive",
         pressure_hpa=[870.0, np.nan],
     )
 
@@ -149,9 +149,7 @@ def test_round_trip_of_tables(form):
 
 def test_leap_seconds_in_astropy_but_not_in_pandas():
     leap = epochs_from_strings(["2016-12-31T23:59:60.5", "2016-12-31T12:00:00"], "UTC")
-    observations = Observations.from_columns(
-        epoch=leap, links=[Link("KASHI", "lander", "KASHI")], value_m=7.6e8, sigma_m=1.0
-    )
+    observations = observed_at(leap, "KASHI>lander>KASHI", tag="transmit", value_m=7.6e8)
     table = observations.to_table()
     assert table["epoch_utc"].isot.tolist() == ["2016-12-31T23:59:60.500", "2016-12-31T12:00:00.000"]
     back = Observations.from_table(table).epoch

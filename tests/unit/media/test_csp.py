@@ -4,14 +4,13 @@ import math
 
 import numpy as np
 import pytest
-from arc_cases import APOLLO15
+from arc_cases import APOLLO15, observed_at
 from legs import end, leg
 
-from radioloc import Observations
 from radioloc.constants import C_M_S
 from radioloc.earth import StationCatalogue, geodetic_from_itrf
 from radioloc.errors import CoverageError, FileFormatError, InputError
-from radioloc.measurements import ExactPredictor, Link, PhysicalModel
+from radioloc.measurements import ExactPredictor, PhysicalModel
 from radioloc.media.csp import DRY, WET, read_csp
 from radioloc.media.ionosphere import Ionosphere, UniformTec
 from radioloc.media.medium import Status
@@ -223,16 +222,13 @@ def test_slant_delay_scales_with_inverse_square_of_frequency_and_advances_phases
 @pytest.mark.parametrize("kind", ["range", "doppler"])
 def test_round_trips_are_calibrated_at_both_events(kind, calibrations):
     uplink_hz, downlink_hz = 2.1e9, 2.1e9 * 240 / 221
-    observations = Observations.from_columns(
-        epoch=utc("06:00:00", "07:30:00"),
-        links=[Link("DSS-24", "apollo15", "DSS-24")],
+    observations = observed_at(
+        utc("06:00:00", "07:30:00"),
+        "DSS-24>apollo15>DSS-24",
         kind=kind,
-        tag="receive",
-        value_m=1.0,
-        sigma_m=1.0,
         uplink_hz=uplink_hz,
         wavelength_um=C_M_S / downlink_hz * 1e6,
-        **({"count_s": 600.0} if kind == "doppler" else {}),
+        **{"count_s": 600.0} if kind == "doppler" else {},
     )
     cards = calibrations(ION)
     values_m = [

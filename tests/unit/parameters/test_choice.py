@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from arc_cases import START_TAI_JD
+from arc_cases import START_TAI_JD, observed_at
 
 import radioloc
 from radioloc import LunarPosition, Study
@@ -13,9 +13,9 @@ from radioloc.errors import InputError, StationError
 from radioloc.jobs.problem import observation_model
 from radioloc.jobs.study_targets import surface_points
 from radioloc.measurements.link import Link
-from radioloc.measurements.observations import DOPPLER, RANGE, VLBI_DELAY, Observations
+from radioloc.measurements.observations import DOPPLER, RANGE, VLBI_DELAY
 from radioloc.study import EstimateChoice, ModelChoice, ObservationChoice
-from radioloc.time import Epochs, tai_to_utc
+from radioloc.time import Epochs
 
 TARGET = LunarPosition.from_selenographic(-51.9162, 43.0584, -2550.4)
 # Two days of each station, from 15 h on, where it sees the Moon.
@@ -29,13 +29,9 @@ def table(kind=RANGE, path=None, **columns):
     tai = Epochs.from_jd(START_TAI_JD, np.array([hour / 24.0 for _, hour in rows]), "TAI")
     links = [Link.from_path(path or f"{station}>lander>{station}") for station in HOURS]
     if path:
-        return Observations.from_columns(
-            epoch=tai_to_utc(tai), links=links[:1], kind=kind, tag=1, sigma_m=1.0, **columns
-        )
+        return observed_at(tai, links[:1], kind=kind, **columns)
     link = [list(HOURS).index(station) for station, _ in rows]
-    return Observations.from_columns(
-        epoch=tai_to_utc(tai), links=links, link=link, kind=kind, tag=1, value_m=7.7e8, sigma_m=1.0, **columns
-    )
+    return observed_at(tai, links, link=link, kind=kind, value_m=7.7e8, **columns)
 
 
 def study(**estimate):
@@ -245,14 +241,12 @@ def test_clocks_have_one_reference_in_each_network():
     tai = Epochs.from_jd(START_TAI_JD, np.repeat(np.array([15.5, 16.0, 17.0]) / 24.0, 3), "TAI")
     links = [Link.from_path(p) for p in ("KASHI>x>JIAMUSI", "SESHAN25<x>URUMQI", "SESHAN25<x>KUNMING")]
     link = np.tile(np.arange(3), 3)
-    data = Observations.from_columns(
-        epoch=tai_to_utc(tai),
-        links=links,
+    data = observed_at(
+        tai,
+        links,
         link=link,
         kind=np.where(link == 0, RANGE, VLBI_DELAY),
-        tag=1,
         value_m=np.where(link == 0, 7.7e8, 0.0),
-        sigma_m=1.0,
     )
     arc = radioloc.jobs.prepare_arc(study(), data)
     start = LunarPosition("PA_DE421", arc.motions[0].position_pa_m)

@@ -4,14 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from arc_cases import observed_at
 
 from radioloc.constants import ARCSEC_RAD
 from radioloc.earth.eop_prediction import last_measured_mjd
 from radioloc.errors import InputError, PredictedEopWarning, StationError
-from radioloc.measurements import FixedPoint, Observations, PhysicalModel, prepare_predictor
+from radioloc.measurements import FixedPoint, PhysicalModel, prepare_predictor
 from radioloc.parameters.choice import parameter_choices
 from radioloc.parameters.considered import considered_choices, resolve_considered
-from radioloc.time import Epochs, epochs_from_strings
+from radioloc.time import Epochs
 
 PATHS = [
     ("range", "KASHI>lander>KASHI"),
@@ -27,14 +28,11 @@ PLACE_PA_M = np.array([1.07e6, -1.02e6, 9.0e5])
 
 def arc(model, paths=PATHS, day="2020-12-01", wavelength_um=35394.6):
     laser = np.array(["WETTZELL" in path for _, path in paths])
-    observations = Observations.from_columns(
-        epoch=epochs_from_strings([f"{day}T18:00:00"] * len(paths), "UTC"),
-        links=[path for _, path in paths],
+    observations = observed_at(
+        [f"{day}T18:00:00"] * len(paths),
+        [path for _, path in paths],
         link=np.arange(len(paths)),
         kind=[kind for kind, _ in paths],
-        tag="receive",
-        value_m=1.0,
-        sigma_m=1.0,
         count_s=np.where([kind in ("doppler", "vlbi_delay_rate") for kind, _ in paths], 60.0, np.nan),
         wavelength_um=np.where(laser, 0.532, wavelength_um),
     )

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from arc_cases import observed_at
 
 import radioloc
 from radioloc.errors import InputError
@@ -32,12 +33,7 @@ def test_workers_look_kinds_up_by_name():
 
 
 def arc_of(*dates):
-    observations = radioloc.Observations.from_columns(
-        epoch=radioloc.time.epochs_from_strings(dates, "UTC"),
-        links=["KASHI>lander>KASHI"],
-        value_m=7.6e8,
-        sigma_m=1.0,
-    )
+    observations = observed_at(dates, "KASHI>lander>KASHI", tag="transmit", value_m=7.6e8)
     lander = radioloc.LunarPosition.from_selenographic(-51.9, 43.0, -2500.0)
     return radioloc.jobs.prepare_arc(radioloc.Study(target=lander), observations)
 

@@ -5,6 +5,7 @@ from dataclasses import replace
 import change5_case
 import numpy as np
 import pytest
+from arc_cases import observed_at
 from quick import some
 
 import radioloc
@@ -13,7 +14,6 @@ from radioloc.measurements import MEASUREMENTS
 from radioloc.parameters.choice import parameter_choices
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.study import EstimateChoice, ModelChoice, ObservationChoice
-from radioloc.time import epochs_from_strings
 
 pytestmark = pytest.mark.usefixtures("unsearched")
 PATHS = {
@@ -39,12 +39,10 @@ def tracking():
         for minute in (0, 30)
     ]
     parts = [
-        Observations.from_columns(
-            epoch=epochs_from_strings(days, "UTC"),
-            links=[path],
+        observed_at(
+            days,
+            path,
             kind=kind,
-            tag="receive",
-            value_m=1.0,
             sigma_m=0.1,
             count_s=60.0 if MEASUREMENTS[kind].integrated else np.nan,
             uplink_hz=7.2e9,

@@ -99,10 +99,6 @@ def panels_of(figure):
     return {axes.get_title(loc="left"): axes for axes in figure.axes if axes.get_visible()}
 
 
-def dots(axes):
-    return {line.get_label(): line for line in axes.lines if line.get_marker() == "."}
-
-
 def test_panels_show_the_used_residuals_of_their_links(rows):
     panels = panels_of(plot_links(rows))
     for title, kind, labels in (
@@ -112,7 +108,7 @@ def test_panels_show_the_used_residuals_of_their_links(rows):
     ):
         axes = panels[title]
         factor = {"m": 1.0, "cm": 100.0}[axes.get_ylabel().removeprefix("residual (").rstrip(")")]
-        lines = dots(axes)
+        lines = {line.get_label(): line for line in axes.lines if line.get_marker() == "."}
         for label, path in labels.items():
             shown = (rows.type == kind) & (rows.path == path) & rows.used
             line = lines[label] if label else next(iter(lines.values()))

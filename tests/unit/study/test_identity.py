@@ -4,6 +4,7 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
+from arc_cases import observed_at
 from paths import EXAMPLES
 
 import radioloc
@@ -12,7 +13,6 @@ from radioloc.measurements.link import Link
 from radioloc.media import read_csp
 from radioloc.study.identity import spacecraft_doubts
 from radioloc.study.study import ModelChoice, Study
-from radioloc.time import epochs_from_strings
 
 PLACE = radioloc.LunarPosition.from_selenographic(3.5, 26.0, -1000.0)
 ION = (
@@ -21,11 +21,12 @@ ION = (
 
 
 def doubts(tracked, calibrations=None, choice=None, **study):
-    observations = radioloc.Observations.from_columns(
-        epoch=epochs_from_strings(["2020-12-02T01:00:00"], "UTC"),
+    observations = observed_at(
+        ["2020-12-02T01:00:00"],
+        Link("DSS-24", tracked, "DSS-24"),
+        tag="transmit",
         value_m=[7.7e8],
         sigma_m=[1.0],
-        links=[Link("DSS-24", tracked, "DSS-24")],
     )
     study = Study(PLACE, **study)
     if choice:

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
+from arc_cases import observed_at
 
-from radioloc import Observations
 from radioloc.earth.stations import StationCatalogue
 from radioloc.errors import InputError
 from radioloc.measurements import Link
@@ -17,12 +17,11 @@ ROUNDING = 1e-15
 
 def observations():
     links = (Link("KASHI", "x", "KASHI"), Link("KASHI", "x", "JIAMUSI"), Link("SESHAN25", "x", "KASHI", True))
-    return Observations.from_columns(
-        epoch=Epochs.from_jd(2459185.5, np.linspace(0.0, 0.5, 4), "UTC"),
-        links=links,
+    return observed_at(
+        Epochs.from_jd(2459185.5, np.linspace(0.0, 0.5, 4), "UTC"),
+        links,
         link=[0, 1, 2, 1],
         kind=[0, 0, 1, 0],
-        tag=1,
         value_m=[7.5e8, 7.5e8, 1e6, 7.6e8],
         sigma_m=[1.0, 2.0, 3.0, 4.0],
         files=("data/a.csv", "data/b.tdm"),

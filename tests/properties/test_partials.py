@@ -182,8 +182,7 @@ def test_position(model, case, form):
 
 def stations_of(case):
     _, path, _ = CASES[case]
-    link = Link.from_path(path)
-    return dict.fromkeys(link.stations)
+    return dict.fromkeys(Link.from_path(path).stations)
 
 
 @few_cases_undifferenced

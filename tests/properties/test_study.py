@@ -154,8 +154,7 @@ def test_coordinates_on_the_sphere_have_no_pole_to_stumble_over(
     start = LunarPosition.from_selenographic(longitude_deg, latitude_deg, 100.0)
     parameters, position = on_sphere(start.xyz_m, None)
     assert position(ParameterSet(parameters).prior_values)[0] == pytest.approx(start.xyz_m, abs=1e-6)
-    x = np.array([east_m, north_m, height_m])
-    point_m, partials = position(x)
+    point_m, partials = position(np.array([east_m, north_m, height_m]))
     assert np.linalg.norm(point_m) == pytest.approx(1737400.0 + height_m, abs=1e-6)
     assert np.isfinite(partials).all()
     angle = math.acos(

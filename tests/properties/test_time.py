@@ -36,8 +36,7 @@ ALL_DAYS = st.one_of(DAYS, DAYS_WITH_LEAP_SECOND)
 
 @given(ALL_DAYS, FRACTIONS)
 def test_utc_to_tai_and_back(jd, fraction):
-    utc = Epochs.from_jd(jd, fraction, "UTC")
-    tai = utc_to_tai(utc)
+    tai = utc_to_tai(Epochs.from_jd(jd, fraction, "UTC"))
     round_trip = utc_to_tai(tai_to_utc(tai))
     assert abs(round_trip.seconds_since(tai)[0]) < FEW_LAST_PLACES_S
 

@@ -55,8 +55,7 @@ def test_nyx_interpolates_the_orbit_and_writes_it_again(orbit, message, tmp_path
 
 
 def test_brahe_reads_the_states_and_writes_them_again(orbit, message, tmp_path):
-    ccsds = pytest.importorskip("brahe.ccsds")
-    read = ccsds.OEM.from_file(message)
+    read = pytest.importorskip("brahe.ccsds").OEM.from_file(message)
     states = read.segments[0].states
     times_s, _ = states_of(message)
     positions_m = np.array([states[k].position for k in range(len(states))])

@@ -55,8 +55,7 @@ def test_successive_ranges_are_smooth(model, tag, path, spacing_s):
     """The residuals of 101 ranges of all terms to a polynomial of low order are rounding noise."""
     count = 101
     tai = epochs_tai(count, spacing_s * (count - 1) / 3600.0, 2460310.5, 0.28)
-    table = observations(path, tai, tag, **LASER)
-    computed = ExactPredictor(model, table, APOLLO15).compute()
+    computed = ExactPredictor(model, observations(path, tai, tag, **LASER), APOLLO15).compute()
     assert computed.usable.all()
     elapsed_s = tai.seconds_since(tai[np.zeros(count, dtype=int)])
     # Counted from the first, which is exact: a fit to 7.7e8 m itself is rounded by 1 to 20 micrometres, by how the

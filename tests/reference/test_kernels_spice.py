@@ -58,8 +58,7 @@ def test_barycentric_states(name, et):
 def test_spice_sees_the_span_and_the_comments(name):
     path = str(find_kernel(name, "SPK"))
     for body in (2, 3, 5, 6, 10, 301, 399):
-        window = spiceypy.spkcov(path, body)
-        assert spiceypy.wnfetd(window, 0) == SPAN_S[name]
+        assert spiceypy.wnfetd(spiceypy.spkcov(path, body), 0) == SPAN_S[name]
     handle = spiceypy.dafopr(path)
     _, lines, done = spiceypy.dafec(handle, 100, 1000)
     spiceypy.dafcls(handle)

@@ -31,8 +31,7 @@ WEAK = {"luna21"}
 
 def names(observations):
     targets = np.array([link.target for link in observations.links])[observations.link]
-    stations = np.array([link.receiver for link in observations.links])[observations.link]
-    return targets, stations
+    return targets, np.array([link.receiver for link in observations.links])[observations.link]
 
 
 def one_way_residuals(model, observations):

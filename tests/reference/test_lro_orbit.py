@@ -25,8 +25,7 @@ pytestmark = pytest.mark.skipif(not FILE.is_file(), reason=f"needs {FILE}")
 
 def fitted(rows, forces, parameters):
     """Residuals of positions, m, and values of parameters, after a fit of the state and the parameters."""
-    table = np.loadtxt(FILE, delimiter=",")[rows]
-    states = table[:, 1:] * 1e3
+    states = np.loadtxt(FILE, delimiter=",")[rows][:, 1:] * 1e3
     epoch = Epochs.from_jd(2459580.5, 0.0, "TDB").shifted(60.0 * rows.start)
     times_s = 60.0 * np.arange(len(states))
     tdb = epoch.shifted(times_s)

@@ -91,8 +91,7 @@ def consensus_s(model, first_itrf_m, second_itrf_m, source, tai):
 @pytest.mark.parametrize("name", SOURCES)
 @pytest.mark.parametrize(("first", "second"), list(itertools.combinations(STATIONS, 2)))
 def test_delay_is_that_of_the_consensus_model(model, name, first, second):
-    arc = delays(model, [Link(first, name, second, True)])
-    computed = arc.compute()
+    computed = delays(model, [Link(first, name, second, True)]).compute()
     places_m = (model.catalogue[station].itrf_m for station in (first, second))
     apart_s = computed.value_m / C_M_S - consensus_s(model, *places_m, SOURCES[name], TAI)
     assert np.abs(apart_s).max() < REACHED_S < CONSENSUS_S

@@ -50,8 +50,7 @@ def geocentric(model, name):
 
     def states(et_s):
         # Differences of epochs one second apart do for the rate, which the interpolation of type 13 wants.
-        tt = tdb_to_tt(Epochs.from_tdb_seconds(et_s))
-        rotation = model.earth.evaluate(tt)
+        rotation = model.earth.evaluate(tdb_to_tt(Epochs.from_tdb_seconds(et_s)))
         rates = rotation.rot_itrf_to_gcrs_rate
         return np.hstack([rotation.rot_itrf_to_gcrs @ itrf_m, rates @ itrf_m])
 

@@ -19,8 +19,7 @@ def test_ellipses_of_the_last_image_hold_95_percent(map_below):
     distances = []
     for draw in range(DRAWS):
         ties = drawn_ties(chain, np.random.default_rng(draw), sigma_px=0.6, map_sigma_m=3.0, stated=2.0 / 3.0)
-        result = chain.adjusted(ties)
-        place, covariance = result.place(9, CENTRE)
+        place, covariance = chain.adjusted(ties).place(9, CENTRE)
         error = place - chain.ground(9, CENTRE)
         distances.append(error @ np.linalg.solve(covariance, error))
     assert np.mean(np.array(distances) < chi_squared.ppf(0.95, 2)) == pytest.approx(0.95, abs=THREE_SIGMA)

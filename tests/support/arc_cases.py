@@ -37,7 +37,10 @@ APOLLO15 = FixedPoint(APOLLO15_PA_M)
 
 
 def observed_at(
-    epoch: Epochs | list[str], links: Link | str | Sequence[Link | str], tag: str = "receive", **columns: object
+    epoch: Epochs | list[str],
+    links: Link | str | Sequence[Link | str],
+    tag: str = "receive",
+    **columns: object,
 ) -> Observations:
     """Return observations at epochs, texts of UTC or of any scale, whose values are to be computed."""
     return Observations.from_columns(

@@ -658,8 +658,7 @@ def run(world: World, fault: Fault, seed: int) -> Outcome:
 
 def _unrevealed(solution: radioloc.Solution) -> str:
     """Return the undetected errors, and those that the data do not reveal, as the card states them."""
-    reliability = str(solution).partition("of undetected errors")[2]
-    return re.split(r"\n\w", reliability)[0]
+    return re.split(r"\n\w", str(solution).partition("of undetected errors")[2])[0]
 
 
 def _outcome(converged: bool, is_within: bool, named: tuple[str, ...], place: int, mentioned: bool) -> str:

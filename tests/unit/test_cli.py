@@ -561,8 +561,7 @@ def test_convert_says_in_one_line_what_is_wrong(tmp_path, capsys, arguments, wor
 def test_starter_study_runs_at_once(kind, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert cli.main(["new", kind]) == 0
-    written = capsys.readouterr().out
-    assert f"radioloc simulate {kind}.toml --out {kind}.csv" in written
+    assert f"radioloc simulate {kind}.toml --out {kind}.csv" in capsys.readouterr().out
     assert cli.main(["simulate", f"{kind}.toml", "--out", f"{kind}.csv"]) == 0
     assert cli.main(["locate", f"{kind}.toml", "--quiet"]) == 0
 

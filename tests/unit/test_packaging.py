@@ -22,8 +22,7 @@ def run(*command, cwd, **environment):
 
 
 def test_the_citation_is_of_this_version():
-    text = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
-    assert f"\nversion: {__version__}\n" in text
+    assert f"\nversion: {__version__}\n" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")
 
 
 def test_the_terms_of_all_data_that_ship_are_listed():

@@ -232,13 +232,11 @@ def test_target_of_another_package_in_all_jobs(sliding):
     assert not radioloc.compute_residuals(study).position_estimated
     planned = radioloc.covariance(study, [24.0, 48.0])
     np.testing.assert_allclose(planned.arcs[1].sigma_m, solution.sigma_enu_m("formal"), rtol=1e-3)
-    trials = radioloc.monte_carlo(study, trials=20, hours=48.0)
-    assert trials.converged
+    assert radioloc.monte_carlo(study, trials=20, hours=48.0).converged
     assert len(radioloc.arcs(study, [24.0, 48.0]).arcs) == 2
     assert len(radioloc.leave_one_out(study).omissions) == 2
     assert len(radioloc.visibility(study).passes) == 5
-    compared = radioloc.compare([solution, replace(solution, name="second")])
-    assert compared.is_usable
+    assert radioloc.compare([solution, replace(solution, name="second")]).is_usable
 
 
 def test_target_of_another_package_by_its_entry_point(toys, tmp_path):

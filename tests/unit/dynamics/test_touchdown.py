@@ -37,8 +37,7 @@ def flown(state=SURFACE_STATE, span_s=(-1500.0, 900.0), parameters=None, **chang
 
 
 def states(orbit, times_s):
-    epochs = EPOCH.shifted(np.array(times_s))
-    return np.concatenate(orbit.states(epochs), axis=-1)
+    return np.concatenate(orbit.states(EPOCH.shifted(np.array(times_s))), axis=-1)
 
 
 def test_rest_on_the_moon_after_the_touchdown():

@@ -52,8 +52,7 @@ def test_part_and_whole_differ_by_less_than_independent_estimates():
     assert agreement(part, total).chi2 == pytest.approx(4.0)
     assert agreement(total, part).chi2 == pytest.approx(4.0)
     assert joint_estimate([part, total]) is None
-    third = estimate("images", [0.0, 0.0, 0.0], np.eye(3))
-    joint = joint_estimate([part, total, third])
+    joint = joint_estimate([part, total, estimate("images", [0.0, 0.0, 0.0], np.eye(3))])
     assert joint.names == ("48 h", "images")
     assert joint.left_out == {"24 h": "it shares observations with 48 h"}
     whole_as_part = estimate("24 h", [1.0, 0.0, 0.0], 0.25 * np.eye(3), study="s", hours=24.0)

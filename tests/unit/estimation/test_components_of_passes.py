@@ -61,8 +61,7 @@ def test_each_pass_is_weighed_as_its_residuals_are():
 
 
 def test_a_pass_thirty_times_as_noisy_as_stated_is_not_left_out_but_outliers_are():
-    result = drawn(2, outliers=(5, 250))(PASSES)
-    assert np.flatnonzero(~result.fit.used).tolist() == [5, 250]
+    assert np.flatnonzero(~drawn(2, outliers=(5, 250))(PASSES).fit.used).tolist() == [5, 250]
 
 
 @pytest.fixture(scope="module")

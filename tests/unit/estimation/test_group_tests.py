@@ -21,8 +21,7 @@ def problem(seed, noise):
     rng = np.random.default_rng(seed)
     n = N * len(PATHS)
     matrix = rng.normal(size=(n, 4))
-    x = np.array([3.0, -2.0, 0.5, 0.0])
-    residual_m = matrix @ x + rng.normal(size=n)
+    residual_m = matrix @ np.array([3.0, -2.0, 0.5, 0.0]) + rng.normal(size=n)
     parameters = ParameterSet(
         [Parameter(name, "m", "position", prior_sigma=2.0) for name in ("position.a", "position.b")]
         + [Parameter("range_bias.c", "m", "range_bias"), Parameter("clock.d", "m", "clock")]
@@ -90,8 +89,7 @@ def test_added_columns(noise):
         return residual_m - column * at[-1], np.column_stack([matrix, column])
 
     refit = fit_least_squares(with_step, larger, noise)
-    raw = binned.columns(signs, (600.0, np.inf))
-    verdict = binned.test(raw)
+    verdict = binned.test(binned.columns(signs, (600.0, np.inf)))
     assert verdict.estimate[0] == pytest.approx(refit.x[-1], abs=STOPPED)
     np.testing.assert_allclose(
         fit.factor.root_covariance() @ verdict.shift, refit.x[:-1] - fit.x, atol=STOPPED
@@ -125,8 +123,7 @@ def test_chance_is_uniform():
     logs = []
     for seed in range(200):
         *_, binned = problem(seed, ObservationCovariance.from_sigma(1.0, 3 * N))
-        verdict = binned.test(binned.removal({1: 1.0}))
-        logs.append(verdict.log_p_value)
+        logs.append(binned.test(binned.removal({1: 1.0})).log_p_value)
     assert -np.mean(logs) == pytest.approx(1.0, abs=0.22)
 
 

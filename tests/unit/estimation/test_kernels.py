@@ -33,8 +33,7 @@ def case():
     step_s[80] = 20000.0
     gain = np.sqrt(rng.integers(1, 5, 150).astype(float))
     absorbed = np.linalg.qr(np.column_stack([gain, gain * np.linspace(-1.0, 1.0, 150)]))[0]
-    columns = np.column_stack([absorbed, rng.normal(size=150)])
-    return step_s, gain, columns
+    return step_s, gain, np.column_stack([absorbed, rng.normal(size=150)])
 
 
 def dense(step_s, gain, tau_s, ratio):

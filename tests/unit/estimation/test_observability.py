@@ -91,8 +91,7 @@ def test_a_common_part_is_that_of_two_or_more(count):
 
 
 def test_a_good_geometry_has_nothing_to_report():
-    design = np.random.default_rng(1).normal(size=(50, 4))
-    result = assess(design)
+    result = assess(np.random.default_rng(1).normal(size=(50, 4)))
     assert result.describe() == ()
     assert result.advice() == ""
     assert result.condition_number == pytest.approx(result.singular_values[0] / result.singular_values[-1])

@@ -69,8 +69,7 @@ def test_frequency_noise_beyond_the_phase_is_found(white_m):
     result = fit_with_variance_components(residuals, parameters, noise, order=series)
     assert result.fit.used.all()
     assert result.additive_sigma_m["doppler"] == pytest.approx(white_m, rel=0.1)
-    weighed = fit_with_correlated_weights(residuals, result, series)
-    assert not weighed.series_weights
+    assert not fit_with_correlated_weights(residuals, result, series).series_weights
 
 
 def session(step_s, count_s):

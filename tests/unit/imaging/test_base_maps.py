@@ -113,8 +113,7 @@ def test_mosaic_balances_brightness_and_shows_all_cells(tmp_path):
     west = np.rint(scene[:, :180] * 0.8).astype(np.uint8)
     east = np.rint(scene[:, 120:] * (1.2 + 0.1 * sample[:, 120:] / 300.0)).astype(np.uint8)
     files = [grey(tmp_path / "a.tif", 0.0, 400.0, west), grey(tmp_path / "b.tif", 240.0, 400.0, east)]
-    steps = write_mosaic(tmp_path / "mosaic.tif", files)
-    assert abs(steps[0, 1]) < 0.005
+    assert abs(write_mosaic(tmp_path / "mosaic.tif", files)[0, 1]) < 0.005
     with rasterio.open(tmp_path / "mosaic.tif") as file:
         assert file.tags(ns="IMAGE_STRUCTURE")["LAYOUT"] == "COG"
         assert (file.read_masks(1) > 0).all()
@@ -126,8 +125,7 @@ def test_mosaic_balances_brightness_and_shows_all_cells(tmp_path):
 
 
 def test_one_image_is_its_orthophoto(tmp_path):
-    strips = Strips(1, 1, (60, 80), 10.0)
-    strips.write(tmp_path)
+    Strips(1, 1, (60, 80), 10.0).write(tmp_path)
     result = make_base_map(tmp_path / "strips.toml", tmp_path / "out")
     assert not result.adjustment.corrections.any()
     chosen = read_image_study(tmp_path / "strips.toml").chosen

@@ -102,15 +102,13 @@ def test_written_solution_has_the_common_keys_and_the_images(solution, tmp_path)
     images = content["images"]
     assert [image["status"] for image in images] == ["registered"] * 10
     assert all(len(image["parameters"]) == 8 and np.shape(image["covariance"]) == (8, 8) for image in images)
-    comparison = radioloc.compare([tmp_path / "solution.json"])
-    assert comparison.rows[0].method == "images"
+    assert radioloc.compare([tmp_path / "solution.json"]).rows[0].method == "images"
 
 
 @pytest.mark.slow
 def test_command_runs_the_complete_example(tmp_path, capsys):
     assert main(["images", str(EXAMPLE / "descent.toml"), "--out", str(tmp_path / "out")]) == 0
-    text = " ".join(capsys.readouterr().out.split())
-    assert "16 of 16 registered" in text
+    assert "16 of 16 registered" in " ".join(capsys.readouterr().out.split())
     content = json.loads((tmp_path / "out" / "solution.json").read_text())
     assert content["reference"]["horizontal_m"] == pytest.approx(np.hypot(*SHIFT_M), abs=MAP_PIXEL_M)
 

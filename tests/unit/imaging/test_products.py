@@ -124,8 +124,7 @@ def test_mosaic_ends_at_the_edges_of_the_map(solution, tmp_path):
 
 
 def test_balanced_image_has_the_brightness_of_the_canvas():
-    rng = np.random.default_rng(1)
-    canvas = rng.integers(40, 100, (80, 120)).astype(np.uint8)
+    canvas = np.random.default_rng(1).integers(40, 100, (80, 120)).astype(np.uint8)
     slope = np.exp(np.add.outer(np.linspace(-0.3, 0.3, 80), np.linspace(0.5, 0.0, 120)))
     values = np.rint(canvas * slope).astype(np.uint8)
     common = np.arange(120) < np.full((80, 1), 60)

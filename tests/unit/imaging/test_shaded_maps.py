@@ -31,8 +31,7 @@ def test_shaded_model_is_similar_to_rendered_ground_under_the_same_sun(tmp_path)
     # The map has albedo and exact slopes, the model differences of heights.
     assert np.corrcoef(images[100.0].ravel(), true.ravel())[0, 1] > 0.85
     assert np.corrcoef(images[260.0].ravel(), true.ravel())[0, 1] < 0.2
-    shaded = Map.open(tmp_path / "shaded.tif")
-    assert shaded.shape == true.shape
+    assert Map.open(tmp_path / "shaded.tif").shape == true.shape
     assert rasterio.open(tmp_path / "shaded.tif").transform == transform
     # Blocks of 512 pixels are continuous.
     steps = np.abs(np.diff(images[100.0].astype(float), axis=1)).mean(axis=0)

@@ -71,8 +71,7 @@ def test_intersections_scatter_by_their_covariance():
 
 
 def test_different_points_in_the_two_images_are_refused():
-    points = np.array([[0.0, 0.0, 10.0], [0.5, 0.2, 12.0]])
-    left_px, right_px = pixels_of(points)
+    left_px, right_px = pixels_of(np.array([[0.0, 0.0, 10.0], [0.5, 0.2, 12.0]]))
     right_px[1, 0] = left_px[1, 0] + 60.0
     with pytest.raises(InputError, match="point 2 do not meet"):
         PAIR.intersect(left_px, right_px)

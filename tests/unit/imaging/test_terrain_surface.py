@@ -68,8 +68,7 @@ def test_first_intersection_is_that_of_dense_sampling(hills, view, interpolation
     height_m, off_nadir_deg = view
     terrain = TerrainModel.open(hills, interpolation=interpolation)
     model = camera_above(height_m, off_nadir_deg)
-    rng = np.random.default_rng(9)
-    pixels = rng.uniform([0.0, 40.0], [399.0, 399.0], size=(60, 2))
+    pixels = np.random.default_rng(9).uniform([0.0, 40.0], [399.0, 399.0], size=(60, 2))
     rays = model.rays(pixels)
     points, hits = Terrain(terrain).intersect(rays.origins_m, rays.directions)
     assert hits.all() or (off_nadir_deg > 70.0 and hits.mean() > 0.9)  # some rays leave the map
@@ -100,8 +99,7 @@ def test_intersections_have_the_height_of_the_map_in_each_projection(tmp_path, n
     points, hits = Terrain(terrain).intersect(origins, toward)
     assert hits.mean() > 0.9
     hit_longitude, hit_latitude, hit_m = cartesian_to_selenographic(points[hits])
-    expected_m = terrain.height_m(hit_longitude, hit_latitude)
-    assert np.abs(hit_m - expected_m).max() < ON_GROUND_M
+    assert np.abs(hit_m - terrain.height_m(hit_longitude, hit_latitude)).max() < ON_GROUND_M
     off_m = np.linalg.norm(np.cross(points[hits] - origins[hits], toward[hits]), axis=1)
     assert off_m.max() < ON_GROUND_M
 

@@ -79,8 +79,7 @@ def test_weather_more_than_two_hours_away_is_missing():
 
 @pytest.mark.parametrize(("event", "tag"), [(0, "receive"), (1, "bounce"), (2, "transmit")])
 def test_epoch_event_becomes_the_time_tag(event, tag):
-    read = parse_crd("a.np2", session(point(8215, event=event)), None)
-    assert TIME_TAGS[read.tag[0]] == tag
+    assert TIME_TAGS[parse_crd("a.np2", session(point(8215, event=event)), None).tag[0]] == tag
 
 
 @pytest.mark.parametrize(

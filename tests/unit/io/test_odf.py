@@ -71,8 +71,7 @@ def test_every_field_comes_back(written):
 
 def test_two_way_doppler(written):
     """Expected by hand: 240/221 of 2100062003 Hz is the downlink of 2280610320.0 Hz, 1 Hz of which is 0.13145 m/s."""
-    path = written([doppler(k) for k in range(4)])
-    result = read_odf(path)
+    result = read_odf(written([doppler(k) for k in range(4)]))
     hertz = -119.651956557 + 3.0 * np.arange(4)
     np.testing.assert_allclose(
         result.value_m, hertz * C_M_S / (240 / 221 * 2100062003.0), rtol=0.0, atol=ROUNDED_M

@@ -107,8 +107,7 @@ def everything():
 
 def test_all_columns_are_restored_to_the_last_bit(tmp_path):
     observations = everything()
-    read = written_and_read(observations, tmp_path / "a.kvn")
-    assert rows_of(read) == rows_of(observations)
+    assert rows_of(written_and_read(observations, tmp_path / "a.kvn")) == rows_of(observations)
 
 
 @given(
@@ -126,8 +125,7 @@ def test_ranges_are_restored_to_the_last_bit(tmp_path, values, second, picosecon
     assert read.value_m.tolist() == values
     seconds = (read.epoch.fraction - observations.epoch.fraction) * 86400.0
     assert np.abs(seconds).max() <= 1.2e-11  # a float of the day's fraction, which the decimals round to
-    reread = written_and_read(read, tmp_path / "b.kvn")
-    assert rows_of(reread) == rows_of(read)
+    assert rows_of(written_and_read(read, tmp_path / "b.kvn")) == rows_of(read)
 
 
 def test_leap_second_and_decimals(tmp_path):

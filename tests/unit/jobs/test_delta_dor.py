@@ -193,8 +193,7 @@ def planned(folder, text):
 
 def test_tracking_beside_a_quasar_is_simulated_and_fitted(tmp_path):
     plan = planned(tmp_path, PLAN + OF_A_QUASAR)
-    simulated = plan.simulation.world(build_model(plan)).draw()
-    observations = simulated.observations
+    observations = plan.simulation.world(build_model(plan)).draw().observations
     of_quasar = np.array([link.target == "0716+332" for link in observations.links])[observations.link]
     assert 150 < of_quasar.sum() < (~of_quasar).sum() + 30
     solution = radioloc.locate(replace(plan, simulation=None), observations)

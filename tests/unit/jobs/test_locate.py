@@ -105,8 +105,7 @@ def test_tracking_with_outliers_starts_anywhere_on_the_near_side():
 @pytest.mark.parametrize("form", some(["geographic", "cartesian"], ["cartesian"]))
 def test_frames_and_forms_agree(form, apollo15, near15, model, solution):
     for axes in ("PA", "ME"):
-        target = near15.to_axes(axes, model.ephemeris.constants)
-        fitted = fit(apollo15, target, position=form)
+        fitted = fit(apollo15, near15.to_axes(axes, model.ephemeris.constants), position=form)
         assert apart_m(fitted, solution) < SAME_M
         assert fitted.sigma_enu_m() == pytest.approx(solution.sigma_enu_m(), rel=1e-3)
 

@@ -49,8 +49,7 @@ def in_other_words(data, folder, ending):
 @pytest.mark.parametrize("ending", ["csv", "parquet", "tdm", "rounded.csv"])
 def test_the_same_observations_in_another_format_are_not_combined(days, tmp_path, ending):
     item = located("one", days[0])
-    two = located("two", in_other_words(days[0], tmp_path, ending))
-    comparison = compare([item, two])
+    comparison = compare([item, located("two", in_other_words(days[0], tmp_path, ending))])
     assert [pair.why for pair in comparison.agreements] == ["they share observations"]
     assert comparison.joint is None
 

@@ -123,8 +123,7 @@ def test_trials_are_judged_as_solutions_are(noise, usable):
     """Errors far beyond the sigmas that last for hours: no trial counts, by the linear model or in full. Noise does."""
     ranges = change5_case.sessions(1200.0, "2020-12-03T15:11:00", vlbi=())
     scenario = Scenario(Schedule(ranges), change5_case.LANDER, noise=NoiseModel({"range": noise}))
-    simulated = replace(study(), simulation=scenario)
-    result = radioloc.monte_carlo(simulated, trials=3, hours=48.0)
+    result = radioloc.monte_carlo(replace(study(), simulation=scenario), trials=3, hours=48.0)
     assert result.linear
     assert result.linearity.passed
     assert (result["converged"] == usable).all()

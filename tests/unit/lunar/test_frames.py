@@ -19,8 +19,7 @@ def rotation_angles_rad(rot):
 def test_distance_between_principal_and_mean_earth_axes():
     # NAIF's moon_080317.tf says 0.0288473 degrees, 875 m along a great circle; older literature says 860 m.
     rot = rot_pa_to_me(CONSTANTS["DE421"])
-    rng = np.random.default_rng(1)
-    points = rng.normal(size=(20000, 3))
+    points = np.random.default_rng(1).normal(size=(20000, 3))
     points *= MEAN_LUNAR_RADIUS_M / np.linalg.norm(points, axis=1, keepdims=True)
     moved_m = np.linalg.norm(points @ rot.T - points, axis=1).max()
     assert 870.0 < moved_m < 880.0

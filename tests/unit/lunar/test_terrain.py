@@ -84,8 +84,7 @@ def test_the_gradient_at_the_pole_of_a_polar_map(maps):
 
 @pytest.mark.parametrize("interpolation", ["bilinear", "bicubic"])
 def test_cell_centres_are_reproduced(tmp_path, interpolation):
-    rng = np.random.default_rng(3)
-    heights = rng.normal(0.0, 1000.0, (20, 30)).astype("float32")
+    heights = np.random.default_rng(3).normal(0.0, 1000.0, (20, 30)).astype("float32")
     affine = Affine(CELL_M, 0, -15 * CELL_M, 0, -CELL_M, 10 * CELL_M)
     model = TerrainModel.open(write(tmp_path / "a.tif", heights, EQC, affine), interpolation=interpolation)
     row, column = np.mgrid[2:18, 2:28]

@@ -218,8 +218,7 @@ def test_threads_do_not_change_a_bit(untidy_arc, monkeypatch):
 
 def test_positions_far_from_the_one_prepared(model):
     """Segments are checked again for a distant position; a change of position is part of the polynomials."""
-    table = mixed(60.0, 4.0)
-    arc = ChebyshevPredictor(model, table, APOLLO15)
+    arc = ChebyshevPredictor(model, mixed(60.0, 4.0), APOLLO15)
     original = arc.compute(APOLLO15)
     for offset_m in ([3e3, -2e3, 1e3], [-2e5, 1e5, 3e5]):
         assert_agree(arc, APOLLO15_PA_M + np.array(offset_m))

@@ -28,8 +28,7 @@ def with_delays(model, transponder_s=None, stations=None):
 
 
 def computed(model, path, tag="transmit", tai=TAI, **columns):
-    arc = ExactPredictor(model, observations(path, tai, tag, **columns), APOLLO15)
-    return arc.compute()
+    return ExactPredictor(model, observations(path, tai, tag, **columns), APOLLO15).compute()
 
 
 def vlbi(model, tai=TAI):

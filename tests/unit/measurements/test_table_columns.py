@@ -138,8 +138,7 @@ def test_station_names_of_the_catalogue():
 @pytest.mark.parametrize("form", ["astropy", "pandas"])
 def test_round_trip_of_tables(form):
     observations = radioloc.read_observations(RANGES)
-    table = observations.to_table(form)
-    back = Observations.from_table(table)
+    back = Observations.from_table(observations.to_table(form))
     off_s = 86400.0 * np.abs(back.epoch.fraction - observations.epoch.fraction)
     assert off_s.max() <= {"astropy": 1e-11, "pandas": 0.6e-9}[form]
     assert np.array_equal(back.value_m, observations.value_m)

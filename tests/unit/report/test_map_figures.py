@@ -30,8 +30,7 @@ def labelled(figure):
 
 
 def test_positions_ellipses_and_references_are_in_metres_about_the_first():
-    second = content("other", (PLACE[0] + 0.001, PLACE[1]))
-    figure = plot_map([content(), second])
+    figure = plot_map([content(), content("other", (PLACE[0] + 0.001, PLACE[1]))])
     labels = labelled(figure)
     assert labels["lander, 1 and 3 sigma"] == pytest.approx((0.0, 0.0), abs=1e-6)
     east_m = 0.001 * PER_DEG_M * math.cos(math.radians(PLACE[1]))

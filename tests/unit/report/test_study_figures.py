@@ -79,8 +79,7 @@ def rows():
     toy = toy_solution(ToyMoon(90, 72.0, biases=False)).residuals
     links = [(kind, path) for kind, paths in PATHS.items() for path in paths]
     kind, path = (np.array(column)[np.arange(90) % len(links)] for column in zip(*links, strict=True))
-    rng = np.random.default_rng(5)
-    residual_m = rng.uniform(-0.1, 0.1, 90)
+    residual_m = np.random.default_rng(5).uniform(-0.1, 0.1, 90)
     residual_m[:6], residual_m[10], residual_m[11] = 0.1, 70.0, -0.05
     status = np.full(90, "used", dtype="U40")
     status[[10, 11]] = "outlier"

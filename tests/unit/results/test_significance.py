@@ -32,8 +32,7 @@ def test_the_largest_of_many_differences_needs_a_smaller_chance():
 
 
 def test_consistent_comparisons_of_many_pairs_are_seldom_refused():
-    rng = np.random.default_rng(3)
-    squares = rng.chisquare(3, (2000, 15))
+    squares = np.random.default_rng(3).chisquare(3, (2000, 15))
     pairs = ([Agreement("a", "b", (0.0,) * 3, components=3, chi2=x) for x in row] for row in squares)
     assert sum(bool(significant_pairs(row)) for row in pairs) <= 8  # 2 are expected, without correction 30
 

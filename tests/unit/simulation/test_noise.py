@@ -138,8 +138,7 @@ def test_noise_of_a_seed_is_independent_of_other_seeds(lander_pa_m, model):
         {"range": Noise(1.0, 2.0, 9000.0, 0.01, 0.1, 50.0), "doppler": Noise(white_m=0.01)},
         vlbi_station=Noise(white_m=0.1, coloured_m=0.2, correlation_s=3600.0),
     )
-    draws = NoiseDraws.from_plan(noise, plan)
-    many_m, outliers = draws.draw([3, 8, 2**100])
+    many_m, outliers = NoiseDraws.from_plan(noise, plan).draw([3, 8, 2**100])
     for seed, noise_m, is_outlier in zip([3, 8, 2**100], many_m, outliers, strict=True):
         single_m, is_single_outlier = noise.draw(plan, seed)
         assert (single_m == noise_m).all()

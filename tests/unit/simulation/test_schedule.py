@@ -12,8 +12,7 @@ START, STOP = "2020-12-01T15:11:00", "2020-12-03T15:10:00"
 
 
 def test_epochs_are_the_nearest_floats_of_the_dates():
-    session = Session("range", two_way("KASHI"), START, STOP, 60.0, 1.0)
-    epochs = session.epochs()
+    epochs = Session("range", two_way("KASHI"), START, STOP, 60.0, 1.0).epochs()
     assert len(epochs) == 2880
     texts = utc_strings(epochs).tolist()
     assert (texts[0], texts[-1]) == ("2020-12-01T15:11:00.000000000", "2020-12-03T15:10:00.000000000")

@@ -149,7 +149,6 @@ def test_a_culmination_of_seconds_above_the_mask_is_not_missed(model, lander_pa_
 
 
 def test_elevations_change_less_than_the_bound(model, lander_pa_m):
-    tt = every_s(600.0, 24.0 * 28.0)
-    angles = elevations(model, lander_pa_m, STATIONS, tt)
+    angles = elevations(model, lander_pa_m, STATIONS, every_s(600.0, 24.0 * 28.0))
     for elevation_rad in (angles.at_station_rad, angles.at_target_rad):
         assert np.abs(np.diff(elevation_rad, axis=0)).max() / 600.0 < visibility._MAX_ELEVATION_RATE_RAD_S

@@ -5,19 +5,17 @@ Bounds of the matched model are those of chance at 95 %, exact; with fixed seeds
 
 import numpy as np
 import pytest
-from change5_case import LANDER, NOISE, RANGING, START, VLBI
+from change5_case import RANGING, sessions, study_of
 from paths import EXAMPLES
 
 import radioloc
-from radioloc import Study
-from radioloc.simulation import Scenario, Schedule, Session, Truth, TruthSigma, all_ranges, baselines
-from radioloc.study import EstimateChoice, HeightPrior, ModelChoice
+from radioloc.simulation import TruthSigma
 
 pytestmark = pytest.mark.slow
 
 TRIALS = 250
 HOURS = (12.0, 24.0, 48.0)
-BIAS_SIGMA_M, HEIGHT_SIGMA_M = 10.0, 5.0
+HEIGHT_SIGMA_M = 5.0
 STOP = "2020-12-03T15:10:00"
 NEES_3 = (676.003 / TRIALS, 827.785 / TRIALS)
 """Chi-square of 250 * 3 degrees of freedom over 250: quantiles of 2.5 and 97.5 %."""
@@ -29,24 +27,8 @@ EXAMPLE = EXAMPLES / "change5" / "simulation.toml"
 @pytest.fixture(scope="module")
 def matched():
     """White noise as stated; biases, and the height of the map, as uncertain as their a-priori values say."""
-    sessions = [
-        Session("range", all_ranges(*RANGING), START, STOP, 240.0, sigma_m=1.0, one_uplink=True),
-        Session("vlbi_delay", baselines(*VLBI), START, STOP, 240.0, sigma_m=0.3),
-    ]
-    truth_sigma = TruthSigma(
-        position_enu_m=(0.0, 0.0, HEIGHT_SIGMA_M), range_bias_m=dict.fromkeys(RANGING, BIAS_SIGMA_M)
-    )
-    study = Study(
-        target=LANDER,
-        estimate=EstimateChoice(
-            range_bias="all",
-            range_bias_sigma_m=BIAS_SIGMA_M,
-            height_prior=HeightPrior(-2550.4, HEIGHT_SIGMA_M),
-        ),
-        model=ModelChoice(off=["ionosphere"]),
-        consider_defaults=False,  # the world has no other errors
-        simulation=Scenario(Schedule(sessions), LANDER, Truth(), NOISE, truth_sigma, seed=20201201),
-    )
+    drawn = TruthSigma(position_enu_m=(0.0, 0.0, HEIGHT_SIGMA_M), range_bias_m=dict.fromkeys(RANGING, 10.0))
+    study = study_of(sessions(240.0, STOP), scenario={"truth_sigma": drawn, "seed": 20201201})
     result = radioloc.monte_carlo(study, TRIALS, HOURS, workers=2)
     assert result.linear
     assert result.arcs[0].used > 2500

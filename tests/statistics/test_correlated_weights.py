@@ -5,22 +5,11 @@ Ranges and delays of a day of the Chang'e-5 lander, range biases of 10 m and a h
 
 import numpy as np
 import pytest
-from change5_case import LANDER, NEAR, RANGING, START, VLBI
+from change5_case import NEAR, RANGING, sessions, study_of
 
 import radioloc
-from radioloc import Study
-from radioloc.simulation import (
-    Noise,
-    NoiseModel,
-    Scenario,
-    Schedule,
-    Session,
-    Truth,
-    TruthSigma,
-    all_ranges,
-    baselines,
-)
-from radioloc.study import EstimateChoice, HeightPrior, ModelChoice, ObservationChoice
+from radioloc.simulation import Noise, NoiseModel, TruthSigma
+from radioloc.study import ObservationChoice
 
 pytestmark = pytest.mark.slow
 
@@ -48,20 +37,14 @@ STATIONS_LAST = NoiseModel(
 
 
 def trials(step_s, noise, weights, station_sigma_m=0.18, count=TRIALS):
-    sessions = [
-        Session("range", all_ranges(*RANGING), START, STOP, step_s, sigma_m=2.0, one_uplink=True),
-        Session("vlbi_delay", baselines(*VLBI), START, STOP, step_s, sigma_m=0.38),
-    ]
-    truth_sigma = TruthSigma(position_enu_m=(0.0, 0.0, 5.0), range_bias_m=dict.fromkeys(RANGING, 10.0))
-    study = Study(
+    drawn = TruthSigma(position_enu_m=(0.0, 0.0, 5.0), range_bias_m=dict.fromkeys(RANGING, 10.0))
+    study = study_of(
+        sessions(step_s, STOP, sigmas_m=(2.0, 0.38)),
+        noise,
         target=NEAR,
-        estimate=EstimateChoice(
-            range_bias="all", range_bias_sigma_m=10.0, height_prior=HeightPrior(-2550.4, 5.0), weights=weights
-        ),
+        estimate={"weights": weights},
+        scenario={"truth_sigma": drawn, "seed": 20201201},
         observations=ObservationChoice(vlbi_station_sigma_m=station_sigma_m),
-        model=ModelChoice(off=["ionosphere"]),
-        consider_defaults=False,  # the world has no other errors
-        simulation=Scenario(Schedule(sessions), LANDER, Truth(), noise, truth_sigma, seed=20201201),
         name="plan",
     )
     result = radioloc.monte_carlo(study, count, (24.0,))

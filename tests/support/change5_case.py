@@ -1,6 +1,6 @@
 """Small simulated tracking of the Chang'e-5 landing site."""
 
-from radioloc import LunarPosition, Observations
+from radioloc import LunarPosition, Observations, Study
 from radioloc.measurements import PhysicalModel
 from radioloc.simulation import (
     Noise,
@@ -13,6 +13,7 @@ from radioloc.simulation import (
     all_ranges,
     baselines,
 )
+from radioloc.study import EstimateChoice, HeightPrior, ModelChoice
 
 START = "2020-12-01T15:11:00"
 LANDER = LunarPosition.from_selenographic(-51.9162, 43.0584, -2550.4)
@@ -47,13 +48,33 @@ def sessions(
     stations: tuple[str, ...] = RANGING,
     vlbi: tuple[str, ...] = VLBI,
     one_uplink: bool = True,
+    sigmas_m: tuple[float, float] = (1.0, 0.3),
 ) -> list[Session]:
-    """Return ranges of 1 m for all pairs of stations and delays of 0.3 m for all baselines."""
-    ranges = Session("range", all_ranges(*stations), START, stop, step_s, sigma_m=1.0, one_uplink=one_uplink)
-    return [
-        ranges,
-        *([Session("vlbi_delay", baselines(*vlbi), START, stop, step_s, sigma_m=0.3)] if vlbi else []),
-    ]
+    """Return ranges for all pairs of stations and delays for all baselines."""
+    ranges = Session("range", all_ranges(*stations), START, stop, step_s, sigmas_m[0], one_uplink=one_uplink)
+    delays = [Session("vlbi_delay", baselines(*vlbi), START, stop, step_s, sigmas_m[1])] if vlbi else []
+    return [ranges, *delays]
+
+
+def study_of(
+    planned: list[Session],
+    noise: NoiseModel = NOISE,
+    *,
+    target: LunarPosition = LANDER,
+    estimate: dict[str, object] | None = None,
+    scenario: dict[str, object] | None = None,
+    **changes: object,
+) -> Study:
+    """Return a study of simulated sessions, with range biases of 10 m and a height of 5 m a priori."""
+    prior = HeightPrior(-2550.4, 5.0)
+    choice = {"range_bias": "all", "range_bias_sigma_m": 10.0, "height_prior": prior} | (estimate or {})
+    return Study(
+        target=target,
+        estimate=EstimateChoice(**choice),  # type: ignore[arg-type]
+        model=ModelChoice(off=["ionosphere"]),
+        simulation=Scenario(Schedule(planned), LANDER, noise=noise, **scenario or {}),  # type: ignore[arg-type]
+        **{"consider_defaults": False} | changes,
+    )
 
 
 def world(

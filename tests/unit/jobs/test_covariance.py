@@ -3,6 +3,7 @@
 import dataclasses
 import json
 
+import change5_case
 import numpy as np
 import pytest
 from change5_case import LANDER, NOISE, PLAN, RANGING, VLBI, sessions
@@ -15,9 +16,8 @@ from radioloc.jobs.covariance import covariance
 from radioloc.measurements import PhysicalModel
 from radioloc.report import plot
 from radioloc.results.covariance import radius_95_m
-from radioloc.simulation import Noise, NoiseModel, Scenario, Schedule, TruthSigma, two_way
+from radioloc.simulation import Noise, NoiseModel, TruthSigma, two_way
 from radioloc.simulation.noise import NoiseDraws
-from radioloc.study import EstimateChoice, HeightPrior, ModelChoice, Study
 
 STOP = "2020-12-02T15:10:00"
 COLOURED = NoiseModel(
@@ -26,18 +26,10 @@ COLOURED = NoiseModel(
 )
 
 
-def study_of(noise=NOISE, stations=RANGING, vlbi=VLBI, step_s=1800.0, estimate=None, sigma=None, **changes):
+def study_of(noise=NOISE, stations=RANGING, vlbi=VLBI, step_s=1800.0, sigma=None, **changes):
     planned = sessions(step_s, STOP, stations, vlbi)
-    scenario = Scenario(Schedule(planned), LANDER, noise=noise, truth_sigma=TruthSigma(**sigma or {}))
-    estimate = {"range_bias": "all", "range_bias_sigma_m": 10.0} | (estimate or {})
-    prior = estimate.pop("height_prior", HeightPrior(-2550.4, 5.0))
-    return Study(
-        target=LANDER,
-        estimate=EstimateChoice(height_prior=prior, **estimate),
-        model=ModelChoice(off=["ionosphere"]),
-        simulation=scenario,
-        **{"candidates": (), "consider_defaults": False} | changes,
-    )
+    drawn = {"truth_sigma": TruthSigma(**sigma or {})}
+    return change5_case.study_of(planned, noise, scenario=drawn, **{"candidates": ()} | changes)
 
 
 @pytest.fixture(scope="module")

@@ -9,13 +9,13 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
+import change5_case
 import numpy as np
 import pytest
 from change5_case import BIAS_M, LANDER, NEAR, PLAN, RANGING, START, VLBI, sessions
 from quick import some
 
 import radioloc
-from radioloc import Study
 from radioloc.cli import main
 from radioloc.errors import InputError, RadiolocError
 from radioloc.jobs import workers
@@ -24,8 +24,8 @@ from radioloc.jobs.prepared_trials import Prepared
 from radioloc.jobs.workers import open_workers
 from radioloc.parameters.considered import considered_choices
 from radioloc.results.monte_carlo import MonteCarlo, binomial_bounds
-from radioloc.simulation import Noise, NoiseModel, Scenario, Schedule, Session, Truth, TruthSigma
-from radioloc.study import EstimateChoice, HeightPrior, ModelChoice, ObservationChoice
+from radioloc.simulation import Noise, NoiseModel, Schedule, Session, Truth, TruthSigma
+from radioloc.study import EstimateChoice, ModelChoice, ObservationChoice
 from radioloc.study.record import versions
 
 HOURS = (12.0, 24.0)
@@ -55,22 +55,15 @@ TRUTH_SIGMA = TruthSigma(
 
 def study_of(step_s=3600.0, *, truth_sigma=TRUTH_SIGMA, observations=None, **estimate):
     """Ranges and delays of a day; a-priori position 10 km off."""
-    planned = sessions(step_s, "2020-12-02T15:10:00")
-    choice = {
-        "range_bias": "all",
-        "range_bias_sigma_m": 10.0,
-        "height_prior": HeightPrior(-2550.4, 5.0),
-        "ephemeris_sigma_m": (0.5, 0.5, 0.3),
-    }
-    return Study(
+    return change5_case.study_of(
+        sessions(step_s, "2020-12-02T15:10:00"),
+        NOISE,
         target=NEAR,
-        estimate=EstimateChoice(**(choice | estimate)),
-        model=ModelChoice(off=["ionosphere"]),
+        estimate={"ephemeris_sigma_m": (0.5, 0.5, 0.3)} | estimate,
+        scenario={"truth": Truth(range_bias_m=BIAS_M), "truth_sigma": truth_sigma, "seed": 5},
         observations=observations or ObservationChoice(),
-        simulation=Scenario(
-            Schedule(planned), LANDER, Truth(range_bias_m=BIAS_M), NOISE, truth_sigma, seed=5
-        ),
         consider=considered_choices({"station_position_sigma_m": 0.1}),
+        consider_defaults=True,
         name="plan",
     )
 

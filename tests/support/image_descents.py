@@ -5,11 +5,10 @@ from functools import cache, cached_property
 
 import cv2
 import numpy as np
-import rasterio
 from rasterio.crs import CRS
 from rasterio.transform import Affine
 from scenes import frame, frame_matrix, ground
-from terrain_maps import R
+from terrain_maps import R, write_raster
 
 from radioloc.imaging.homography import transformed
 from radioloc.imaging.image_chain import Frame
@@ -78,9 +77,6 @@ class Descent:
         noisy = image + np.random.default_rng(77).normal(0.0, 2.0, image.shape)
         half = 2000 * PIXEL_M / 2.0
         west, north = -half + self.shift_m[0], half + self.shift_m[1]
-        profile = {"width": size, "height": size, "count": 1, "dtype": "uint8"}
         crs = CRS.from_string(f"+proj=ortho +lon_0={SITE[0]} +lat_0={SITE[1]} +R={R}")
         transform = Affine(self.map_pixel_m, 0.0, west, 0.0, -self.map_pixel_m, north)
-        with rasterio.open(path, "w", driver="GTiff", crs=crs, transform=transform, **profile) as dataset:
-            dataset.write(np.clip(noisy, 0, 255).astype(np.uint8), 1)
-        return path
+        return write_raster(path, np.clip(noisy, 0, 255).astype(np.uint8), crs=crs, transform=transform)

@@ -42,6 +42,15 @@ def heights_of_map(proj4, affine, rows, columns):
     return surface_m(lon, lat).reshape(rows, columns)
 
 
+def write_raster(path, values, **profile):
+    """Write one band or several as a GeoTIFF."""
+    bands = values.reshape(-1, *values.shape[-2:])
+    size = dict(zip(("count", "height", "width"), bands.shape, strict=True))
+    with rasterio.open(path, "w", **({"driver": "GTiff", "dtype": bands.dtype} | size | profile)) as dataset:
+        dataset.write(bands)
+    return path
+
+
 def write(path, heights, proj4, affine, driver="GTiff", dtype="float32", units="m", **tags):
     """Write heights as one band; ``nodata``, ``scale`` and ``offset`` are set as such, other keywords as tags."""
     rows, columns = heights.shape

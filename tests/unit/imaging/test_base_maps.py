@@ -9,6 +9,7 @@ import pytest
 import rasterio
 from orbital_strips import Strips
 from rasterio.transform import Affine
+from terrain_maps import write_raster
 
 from radioloc.cli import main
 from radioloc.imaging import Sphere, Terrain, make_base_map, read_image_study, read_isd, write_orthophoto
@@ -96,14 +97,8 @@ def test_ground_points_tie_the_map():
 
 def grey(path, west, north, values):
     """Write an orthophoto of cells of 2 m."""
-    profile = {"driver": "GTiff", "count": 1, "dtype": values.dtype, "nodata": 0}
     transform = Affine(2.0, 0.0, west, 0.0, -2.0, north)
-    size = {"height": values.shape[0], "width": values.shape[1]}
-    with rasterio.open(
-        path, "w", crs="+proj=eqc +R=1737400 +units=m", transform=transform, **size, **profile
-    ) as file:
-        file.write(values, 1)
-    return path
+    return write_raster(path, values, crs="+proj=eqc +R=1737400 +units=m", transform=transform, nodata=0)
 
 
 def test_mosaic_balances_brightness_and_shows_all_cells(tmp_path):

@@ -4,6 +4,7 @@ import cv2
 import numpy as np
 import pytest
 import rasterio
+from terrain_maps import write_raster
 
 from radioloc.errors import FileFormatError
 from radioloc.imaging.frames import read_frame, read_mask
@@ -38,11 +39,7 @@ def test_three_equal_bands_are_grey(tmp_path):
 def test_calibrated_cube_of_floats_is_stretched(tmp_path):
     values = GREY.astype(np.float32) / 1e4
     values[:3] = np.float32(-3.40282265508890445e38)  # ISIS' null
-    with rasterio.open(
-        tmp_path / "a.cub", "w", driver="ISIS3", width=80, height=60, count=1, dtype="float32"
-    ) as dataset:
-        dataset.write(values, 1)
-    image = read_frame(tmp_path / "a.cub")
+    image = read_frame(write_raster(tmp_path / "a.cub", values, driver="ISIS3"))
     assert (image[:3] == 0).all()
     assert np.abs(image[3:].astype(int) - GREY[3:]).max() <= 1
 
@@ -77,20 +74,8 @@ STEPS = np.repeat(np.arange(0, 256, 85, dtype=np.uint8), 15)[:, np.newaxis] * np
 BINARY = np.where(STEPS > 127, 255, 0).astype(np.uint8)
 
 
-def write_tiff(path, values, **options):
-    profile = {
-        "width": values.shape[1],
-        "height": values.shape[0],
-        "count": 1,
-        "dtype": values.dtype,
-    } | options
-    with rasterio.open(path, "w", driver="GTiff", **profile) as dataset:
-        dataset.write(values, 1)
-    return path
-
-
 def write_palette(path, colours, indices):
-    write_tiff(path, indices, photometric="PALETTE")
+    write_raster(path, indices, photometric="PALETTE")
     with rasterio.open(path, "r+") as dataset:
         dataset.write_colormap(1, colours)
     return path
@@ -101,16 +86,19 @@ def coded_files(folder):
     reversed_grey = {"photometric": "MINISWHITE"}
     steps = {0: (170, 170, 170), 1: (0, 0, 0), 2: (255, 255, 255), 3: (85, 85, 85)}
     index = np.choose(STEPS // 85, [1, 3, 0, 2]).astype(np.uint8)
-    yield write_tiff(folder / "2 bits.tif", STEPS // 85, nbits=2), STEPS
-    yield write_tiff(folder / "4 bits.tif", STEPS // 17, nbits=4), STEPS
-    yield write_tiff(folder / "white is 0.tif", 255 - STEPS, **reversed_grey), STEPS
-    yield write_tiff(folder / "white is 0, 2 bits.tif", 3 - STEPS // 85, nbits=2, **reversed_grey), STEPS
-    yield write_tiff(folder / "white is 0, deep.tif", 65535 - STEPS * np.uint16(257), **reversed_grey), STEPS
-    yield write_palette(folder / "palette.tif", steps, index), STEPS
-    yield write_tiff(folder / "1 bit.tif", BINARY // 255, nbits=1), BINARY
-    yield write_tiff(folder / "white is 0, 1 bit.tif", 1 - BINARY // 255, nbits=1, **reversed_grey), BINARY
+    yield write_raster(folder / "2 bits.tif", STEPS // 85, nbits=2), STEPS
+    yield write_raster(folder / "4 bits.tif", STEPS // 17, nbits=4), STEPS
+    yield write_raster(folder / "white is 0.tif", 255 - STEPS, **reversed_grey), STEPS
+    yield write_raster(folder / "white is 0, 2 bits.tif", 3 - STEPS // 85, nbits=2, **reversed_grey), STEPS
     yield (
-        write_tiff(folder / "fax.tif", 1 - BINARY // 255, nbits=1, compress="CCITTFAX4", **reversed_grey),
+        write_raster(folder / "white is 0, deep.tif", 65535 - STEPS * np.uint16(257), **reversed_grey),
+        STEPS,
+    )
+    yield write_palette(folder / "palette.tif", steps, index), STEPS
+    yield write_raster(folder / "1 bit.tif", BINARY // 255, nbits=1), BINARY
+    yield write_raster(folder / "white is 0, 1 bit.tif", 1 - BINARY // 255, nbits=1, **reversed_grey), BINARY
+    yield (
+        write_raster(folder / "fax.tif", 1 - BINARY // 255, nbits=1, compress="CCITTFAX4", **reversed_grey),
         BINARY,
     )
     cv2.imwrite(str(folder / "1 bit.png"), BINARY, [cv2.IMWRITE_PNG_BILEVEL, 1])
@@ -127,7 +115,7 @@ def test_bits_photometric_interpretation_and_palette_are_applied(tmp_path):
     "values", [BINARY // 255, (BINARY // 255).astype(np.uint16), BINARY * np.uint16(257)]
 )
 def test_brighter_of_two_values_of_a_mask_is_ground(tmp_path, values):
-    assert np.array_equal(read_mask(write_tiff(tmp_path / "a.tif", values)), BINARY > 0)
+    assert np.array_equal(read_mask(write_raster(tmp_path / "a.tif", values)), BINARY > 0)
 
 
 @pytest.mark.parametrize("value", [0, 3])
@@ -135,7 +123,7 @@ def test_mask_without_ground_is_refused(tmp_path, value):
     values = np.full((60, 80), value, np.uint8)
     values[0, :3] = 1, 2, 255
     with pytest.raises(FileFormatError, match=r"dark\.tif: expected a mask"):
-        read_mask(write_tiff(tmp_path / "dark.tif", values))
+        read_mask(write_raster(tmp_path / "dark.tif", values))
 
 
 @pytest.mark.parametrize("read", [read_frame, read_mask])

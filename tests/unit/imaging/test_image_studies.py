@@ -9,6 +9,7 @@ import rasterio
 from paths import EXAMPLES
 from rasterio.transform import Affine
 from rasterio.windows import Window
+from terrain_maps import write_raster
 
 import radioloc
 from radioloc.cli import main
@@ -33,10 +34,8 @@ def some(study, tmp_path_factory):
         values = dataset.read(window=Window(first, first, cells, cells))
         (cell_m, _), bounds = dataset.res, dataset.bounds
         west_m, north_m = bounds.left + first * cell_m, bounds.top - first * cell_m
-        shape = {"count": 1, "height": cells, "width": cells, "dtype": values.dtype}
         place = {"crs": dataset.crs, "transform": Affine(cell_m, 0.0, west_m, 0.0, -cell_m, north_m)}
-    with rasterio.open(path, "w", driver="GTiff", **shape, **place) as file:
-        file.write(values)
+    write_raster(path, values, **place)
     files = study.images.files
     return replace(study, images=replace(study.images, base_map=path, files=(*files[:3], *files[3::2])))
 

@@ -9,7 +9,7 @@ import pytest
 import rasterio
 from paths import EXAMPLES
 from rasterio.transform import Affine
-from terrain_maps import EQC
+from terrain_maps import EQC, write_raster
 
 from radioloc.errors import DataQualityWarning, InputError
 from radioloc.imaging import image_chain, locate_images, read_image_study
@@ -33,12 +33,7 @@ def maps(tmp_path):
         values[:, int(filled * size) :] = 0
         west_m = np.radians(longitude_deg) * 1737400.0 - 1000.0
         transform = Affine(pixel_m, 0.0, west_m, 0.0, -pixel_m, 1000.0)
-        options = {"width": size, "height": size, "count": 1, "dtype": "uint8", "nodata": 0}
-        with rasterio.open(
-            tmp_path / name, "w", driver="GTiff", crs=EQC, transform=transform, **options
-        ) as file:
-            file.write(values, 1)
-        return tmp_path / name
+        return write_raster(tmp_path / name, values, crs=EQC, transform=transform, nodata=0)
 
     return (
         write("coarse.tif", 10.0, 20.0),
@@ -118,8 +113,7 @@ def test_positions_on_two_maps_are_compared(tmp_path, monkeypatch):
         ("shifted.tif", values, shifted),
         ("mirrored.tif", values[:, ::-1], profile["transform"]),
     ):
-        with rasterio.open(tmp_path / name, "w", **(profile | {"transform": transform})) as file:
-            file.write(band, 1)
+        write_raster(tmp_path / name, band, **(profile | {"transform": transform}))
     files = study.images.files[:6]
     base_map = (tmp_path / "mirrored.tif", first, tmp_path / "shifted.tif")
     chosen = replace(study.images, base_map=base_map, base_map_sigma_m=(25.0, 25.0), files=files)

@@ -9,6 +9,7 @@ import rasterio
 from descent_images import BOX, FOLDER, NAMES, change3, image, needs_images
 from quick import some
 from scenes import frame, frame_matrix, ground
+from terrain_maps import write_raster
 
 from radioloc.imaging.frames import find_mask
 from radioloc.imaging.homography import transformed
@@ -90,11 +91,9 @@ def test_change3_frames_are_tied_to_both_sides_of_a_cylindrical_map(tmp_path):
     nac = image("change3_lro.png")[:, 461:]
     path, pixel_m = tmp_path / "map.tif", 30.0
     crs = "+proj=eqc +lat_ts=44 +lon_0=-19.51 +R=1737400"
-    profile = {"width": nac.shape[1], "height": nac.shape[0], "count": 1, "dtype": "uint8", "crs": crs}
     north_m = np.radians(44.12) * 1737400.0 + pixel_m * nac.shape[0] / 2
     to_xy = rasterio.Affine(pixel_m, 0.0, -pixel_m * nac.shape[1] / 2, 0.0, -pixel_m, north_m)
-    with rasterio.open(path, "w", driver="GTiff", transform=to_xy, **profile) as dataset:
-        dataset.write(nac, 1)
+    write_raster(path, nac, transform=to_xy, crs=crs)
     frames = [Frame(name, partial(image, f"change3_{name}.png")) for name in NAMES[:2]]
     mask = find_mask(list(change3().values()))
     east_m = register_chain(frames, Map.open(path), map_sigma_m=(10.0, 10.0), mask=mask).map_places_m[:, 0]

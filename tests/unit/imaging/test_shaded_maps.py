@@ -5,6 +5,7 @@ import pytest
 import rasterio
 from paths import ISDS
 from procedural_ground import Ground
+from terrain_maps import write_raster
 
 from radioloc.errors import InputError
 from radioloc.imaging import read_isd
@@ -44,8 +45,7 @@ def test_sun_has_one_direction_on_both_sides_of_a_pole(tmp_path):
     # The middle is 60 km from the pole at longitude 90 degrees, where x is to the north.
     transform = rasterio.Affine(5000.0, 0.0, -100e3, 0.0, -5000.0, 160e3)
     heights = np.tile(-0.02 * 5000.0 * np.arange(64.0), (64, 1))
-    with rasterio.open(tmp_path / "dem.tif", "w", "GTiff", 64, 64, 1, crs, transform, "float32") as file:
-        file.write(heights.astype(np.float32), 1)
+    write_raster(tmp_path / "dem.tif", heights.astype(np.float32), crs=crs, transform=transform)
     images = {}
     for azimuth_deg in (0.0, 180.0):
         write_shaded_map(tmp_path / "shaded.tif", tmp_path / "dem.tif", azimuth_deg, 30.0)

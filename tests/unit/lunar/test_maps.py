@@ -6,7 +6,7 @@ import rasterio
 import rasterio.warp
 from rasterio.crs import CRS
 from rasterio.transform import Affine
-from terrain_maps import LONGLAT, R
+from terrain_maps import LONGLAT, R, write_raster
 
 from radioloc.errors import FileFormatError, InputError
 from radioloc.lunar.maps import Map, TangentPlane
@@ -46,10 +46,8 @@ def write_map(path, projection, *, rotation_deg=0.0, pixel_m=PIXEL_M, size=SIZE,
     a, b, c, d, e, f = tuple(transform)[:6]
     lon, lat = rasterio.warp.transform(crs, LONGLAT, (a * u + b * v + c).ravel(), (d * u + e * v + f).ravel())
     grey = pattern(np.array(lon), np.array(lat)).reshape(size, size)
-    profile = {"width": size, "height": size, "count": 1, "dtype": dtype, "nodata": nodata}
-    with rasterio.open(path, "w", driver="GTiff", crs=crs, transform=transform, **profile) as dataset:
-        dataset.write(np.rint(grey).astype(dtype) if dtype == "uint8" else grey.astype(dtype), 1)
-    return path
+    values = np.rint(grey).astype(dtype) if dtype == "uint8" else grey.astype(dtype)
+    return write_raster(path, values, crs=crs, transform=transform, nodata=nodata)
 
 
 def test_plane_is_the_orthographic_projection_of_proj():
@@ -157,10 +155,8 @@ def test_views_of_cylindrical_maps_show_all_that_these_have(tmp_path, name, redu
     corner = Affine(pixel_deg * scale, 0, west * scale, 0, -pixel_deg * scale, north * scale)
     east = west + 180.0 * ("lon_0" in projection) + pixel_deg * (np.arange(shape[1]) + 0.5)
     places = np.stack(np.meshgrid(east, north - pixel_deg * (np.arange(shape[0]) + 0.5)), axis=-1)
-    profile = {"width": shape[1], "height": shape[0], "count": 1, "dtype": "uint8", "crs": crs}
-    with rasterio.open(tmp_path / "a.tif", "w", driver="GTiff", transform=corner, **profile) as dataset:
-        dataset.write(np.rint(waves(places.reshape(-1, 2))).reshape(shape).astype(np.uint8), 1)
-    base = Map.open(tmp_path / "a.tif")
+    grey = np.rint(waves(places.reshape(-1, 2))).reshape(shape).astype(np.uint8)
+    base = Map.open(write_raster(tmp_path / "a.tif", grey, crs=crs, transform=corner))
     planes = [base.plane()]
     if shape == FULL_SHAPE:
         planes += [TangentPlane(*at) for at in ((180.0, 5.0), (0.3, -5.0), (-20.0, 44.0), (20.0, 89.5))]

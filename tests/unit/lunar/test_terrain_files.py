@@ -23,6 +23,7 @@ from terrain_maps import (
     surface_m,
     write,
     write_pds3,
+    write_raster,
 )
 
 from radioloc.errors import FileFormatError, InputError
@@ -180,12 +181,10 @@ def test_other_bodies_refused(tmp_path, reference, message):
 )
 def test_principal_axes_and_several_bands_are_refused(tmp_path, reference, bands, message):
     named = CRS.from_string(EQC).to_wkt().replace('GEOGCS["unknown', f'GEOGCS["{reference}')
-    profile = {"driver": "GTiff", "width": 20, "height": 20, "count": bands, "dtype": "float32"}
-    path = tmp_path / "a.tif"
-    with rasterio.open(path, "w", crs=CRS.from_wkt(named), transform=SMALL, **profile) as dataset:
-        dataset.write(np.stack([SLOPING.astype("float32")] * bands))
+    values = np.stack([SLOPING.astype("float32")] * bands)
+    write_raster(tmp_path / "a.tif", values, crs=CRS.from_wkt(named), transform=SMALL)
     with pytest.raises(InputError, match=message):
-        TerrainModel.open(path)
+        TerrainModel.open(tmp_path / "a.tif")
 
 
 def test_missing_rasterio_says_what_to_install(monkeypatch, tmp_path):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 
@@ -148,8 +149,7 @@ class ComparedTarget:
 
     @property
     def _trajectory(self) -> Orbit:
-        assert isinstance(self.truth.trajectory, Orbit)
-        return self.truth.trajectory
+        return cast(Orbit, self.truth.trajectory)
 
     def _true_place(self, part: ArcPart, x: Floats) -> tuple[Floats, Floats]:
         """Return the true position, principal axes, m, and the axes east, north and up at it, as rows."""

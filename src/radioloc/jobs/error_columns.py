@@ -123,10 +123,10 @@ def gravity_errors(orbits: GravityErrorOrbits, model: ObservationModel) -> Unest
 
 def force_errors(model: ObservationModel, x: Floats) -> UnestimatedErrors | None:
     """Return accelerations, constant in intervals, that the forces of the orbits lack; None without any orbit."""
-    effects, motions = list[Floats](), model.motions(x)
+    effects = list[Floats]()
     for k in model.orbit_indices:
-        orbit = motions[k].trajectory
-        assert isinstance(orbit, AdjustableOrbit)
+        orbit = model.targets[k].orbit_at(x[model.columns_of(k)])
+        assert orbit is not None  # the target moves by forces
         with_errors = replace(orbit, errors=interval_accelerations(orbit.nearest()).state_changes)
         effects.append(effects_on_orbit(model.predictor, with_errors, k))
     if not effects:

@@ -40,7 +40,6 @@ from radioloc.jobs.verdict import (
     coordinate_doubts,
     decide_status,
     misfits,
-    residuals_fit,
     search_hints,
     with_considered,
 )
@@ -137,7 +136,7 @@ def solve(problem: EstimationProblem, not_selected: dict[str, int], *, consisten
             states=_states(fitted, assessed.estimate),
             **_comparisons(problem, assessed.estimate),
             consistency=_with_mistakes(fitted, assessed, mistake, converged),
-            notes=_notes(fitted, assessed.estimate, not_selected, residuals_fit(doubts), converged),
+            notes=_notes(fitted, assessed.estimate, not_selected, doubts, converged),
             limitations=model_limitations(fitted.model.predictor),
             provenance=provenance(
                 problem.study, fitted.model.predictor, not_selected, problem.choice, fitted.motions
@@ -294,14 +293,14 @@ def _notes(
     fitted: _Fit,
     estimate: LocatedEstimate,
     not_selected: dict[str, int],
-    residuals_fit: bool,
+    doubts: list[Doubt],
     converged: bool,
 ) -> tuple[str, ...]:
     """Return all notes: mistaken stations, data and model, searches that help."""
     problem, predictor = fitted.problem, fitted.model.predictor
     study, choice, prior_motions = problem.study, problem.choice, problem.prior_motions
     considered = None if estimate.consider is None else estimate.consider.parameters
-    notes = [*coordinate_doubts(predictor, prior_motions, fitted.edited.fit.used, residuals_fit)]
+    notes = [*coordinate_doubts(predictor, prior_motions, fitted.edited.fit.used, doubts)]
     notes += study_notes(study, predictor, not_selected, choice, fitted.edited, considered)
     notes += problem.notes
     if choice is not None:

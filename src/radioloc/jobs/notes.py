@@ -334,11 +334,9 @@ def _target_record(study: Study) -> dict[str, Any]:
         apriori = study.orbiter.record()
     elif study.described and point is None:
         apriori = plain(next(iter(study.described.values())))
-    record = (
-        None
-        if trajectory is None
-        else {"body": trajectory.body, **kernel_record(trajectory.kernel, trajectory.name)}
-    )
+    record: dict[str, Any] | None = None
+    if trajectory is not None:
+        record = {"body": trajectory.body, **kernel_record(trajectory.kernel, trajectory.name)}
     return {"a_priori": apriori, "trajectory": record}
 
 

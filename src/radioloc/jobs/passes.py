@@ -27,7 +27,7 @@ from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.predictor import reasons
 from radioloc.measurements.registry import Geometry, is_one_way, kind_of
 from radioloc.measurements.station_motion import StationMotion
-from radioloc.measurements.target_motion import TargetMotion, TrajectoryMotion, as_motion
+from radioloc.measurements.target_motion import TargetMotion, TrajectoryMotion
 from radioloc.quantities import DateLike, FloatLike, accepts_quantities
 from radioloc.results.predictions import LightTimes, Pass, Passes
 from radioloc.simulation.schedule import LINKS, Schedule, Session
@@ -36,7 +36,7 @@ from radioloc.simulation.visibility import Masks, Target, Window, elevations, tr
 from radioloc.study.observation_choice import link_stations
 from radioloc.study.study import Study
 from radioloc.study.study_file import as_study
-from radioloc.targets.target import TargetDescription
+from radioloc.targets.target import TargetDescription, declared_motion
 from radioloc.time import (
     Epochs,
     epochs_from_strings,
@@ -206,10 +206,8 @@ def build_scene(
 
 def _motion(record: TargetRecord, model: PhysicalModel, span_utc: Epochs) -> TargetMotion:
     """Return the motion of a target, integrated over a span of UTC from a state."""
-    if isinstance(record, LunarPosition | SpacecraftTrajectory):
-        return as_motion(record, model)
-    if isinstance(record, TargetDescription):
-        return record.target("", model).start
+    if isinstance(record, LunarPosition | SpacecraftTrajectory | TargetDescription):
+        return declared_motion(record, model)
     return TrajectoryMotion(record.orbit_spanning(model, span_utc, 0.0).nearest())
 
 

@@ -19,7 +19,7 @@ from radioloc.errors import CoverageError, FileFormatError, InputError, require_
 from radioloc.io.formats import read_observations
 from radioloc.jobs.one_thread import on_one_blas_thread
 from radioloc.jobs.selection import select_observations, selected, with_target_names
-from radioloc.jobs.study_targets import apriori_points, described_target, position_in_pa
+from radioloc.jobs.study_targets import position_in_pa, targets_in_pa
 from radioloc.labels import USED, Labels
 from radioloc.lunar.frames import earth_elevation_rad
 from radioloc.measurements.evaluation import prepare_predictor
@@ -30,7 +30,7 @@ from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.predictor import Predictor, blocks, reasons
 from radioloc.measurements.quantised import with_rounding_in_sigmas
 from radioloc.measurements.sources import read_sources
-from radioloc.measurements.target_motion import Motions, OrbitMotion, TargetMotion, TrajectoryMotion
+from radioloc.measurements.target_motion import FixedPoint, Motions, OrbitMotion, TargetMotion
 from radioloc.media.csp import read_csp
 from radioloc.media.ionex import read_ionex
 from radioloc.media.ionosphere import UniformTec
@@ -40,9 +40,11 @@ from radioloc.parameters.registry import PARAMETERS
 from radioloc.progress import step
 from radioloc.study.identity import spacecraft_doubts
 from radioloc.study.observation_choice import require_stations, weighted_observations, with_uplinks
+from radioloc.study.orbiter import Orbiter
 from radioloc.study.study import ModelChoice, Study
 from radioloc.study.study_file import as_study
 from radioloc.targets.doubts import MIN_EARTH_ELEVATION_DEG
+from radioloc.targets.target import declared_motion
 from radioloc.time import Epochs, tt_to_tdb, utc_to_tt
 from radioloc.time.smooth import evaluate_smooth
 from radioloc.vectors import Floats, Indices
@@ -136,7 +138,7 @@ def prepared_arc(
     """
     model = build_model(study) if model is None else model
     constants = model.ephemeris.constants
-    start = apriori_points(study, model)
+    start = tuple(FixedPoint(place.xyz_m) for place in targets_in_pa(study, model).values())
     known_positions(study, constants)  # one in a wrong frame is to be told before the work, not after it
     chosen, left_out = chosen_observations(study, observations, model)
     with step(f"preparing {len(chosen)} observations"):
@@ -278,8 +280,13 @@ def _arc(
     orbits: Mapping[str, AdjustableOrbit],
 ) -> Predictor:
     names = study.names_in_order
-    motions = (*points, *(_spacecraft(study, name, model, observations, orbits) for name in _flying(study)))
-    start = tuple(map(_coarse, motions))
+    flying = [name for name in study.all_targets if name not in study.points]
+    motions = (*points, *(_spacecraft(study, name, model, observations, orbits) for name in flying))
+    # Partials of gravity of a lower degree suffice where only positions are needed.
+    start = tuple(
+        OrbitMotion(orbit.coarse()) if isinstance(orbit := motion.adjustable, AdjustableOrbit) else motion
+        for motion in motions
+    )
     kinds = (*study.estimate.parameters, *study.consider)
     more_partials = study.consider_defaults or any(PARAMETERS[kind].more_partials for kind in kinds)
     try:
@@ -304,17 +311,6 @@ def _arc(
     return predictor.with_motions(motions) if study.orbiters else predictor
 
 
-def _coarse(motion: TargetMotion) -> TargetMotion:
-    """Return a motion with partials of gravity that suffice where only positions are needed."""
-    orbit = motion.adjustable
-    return OrbitMotion(orbit.coarse()) if isinstance(orbit, AdjustableOrbit) else motion
-
-
-def _flying(study: Study) -> tuple[str, ...]:
-    """Return the names of the targets other than points, in the order of an arc."""
-    return tuple(name for name in study.all_targets if name not in study.points)
-
-
 def _spacecraft(
     study: Study,
     name: str,
@@ -323,14 +319,12 @@ def _spacecraft(
     orbits: Mapping[str, AdjustableOrbit],
 ) -> TargetMotion:
     """Return the a-priori motion of a target other than a point, over its observations."""
-    if name in study.trajectories:
-        return TrajectoryMotion(study.trajectories[name])
-    if name in study.described:
-        return described_target(study, name, model).start
+    orbiter = study.all_targets[name]
+    if not isinstance(orbiter, Orbiter):
+        return declared_motion(orbiter, model)
     if name in orbits:
         return OrbitMotion(orbits[name])
     assert study.estimate.orbit is not None  # the study has seen to that
-    orbiter = study.orbiters[name]
     if len(study.targets) > 1:
         of_target = [name in map(canonical_target, link.targets) for link in observations.links]
         observations = observations.select(np.array(of_target, dtype=bool)[observations.link])

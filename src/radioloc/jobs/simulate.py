@@ -12,16 +12,14 @@ from radioloc.errors import InputError
 from radioloc.jobs.one_thread import on_one_blas_thread
 from radioloc.jobs.preparation import build_model
 from radioloc.jobs.problem import considered_parameters
-from radioloc.jobs.study_targets import described_target
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.link import canonical_target
 from radioloc.measurements.physical_model import PhysicalModel
-from radioloc.measurements.target_motion import TrajectoryMotion, as_motion
 from radioloc.simulation import Scenario, Simulated, TruthSigma
 from radioloc.simulation.visibility import Target, tracked_target
 from radioloc.study.study import Study
 from radioloc.study.study_file import as_study
-from radioloc.targets.target import TargetDescription
+from radioloc.targets.target import TargetDescription, declared_motion
 
 
 @on_one_blas_thread()
@@ -110,11 +108,6 @@ def antenna_targets(
     """Return the points that antennas track, by the names of targets in the observations."""
     targets = dict[str, Target]()
     for name, simulated in names_in_scenario(study, scenario).items():
-        if name in study.described:
-            motion = described_target(study, name, model).start
-        elif name in orbits:
-            motion = TrajectoryMotion(orbits[name].nearest())
-        else:
-            motion = as_motion(study.all_targets[name], model)  # type: ignore[arg-type]
-        targets[simulated] = tracked_target(motion)
+        record = orbits[name].nearest() if name in orbits else study.all_targets[name]
+        targets[simulated] = tracked_target(declared_motion(record, model))  # type: ignore[arg-type]
     return targets

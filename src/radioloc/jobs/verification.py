@@ -13,8 +13,7 @@ from typing import Any
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.errors import InputError, require_type
 from radioloc.jobs.arcs import arcs
-from radioloc.jobs.locate import fit_arc
-from radioloc.jobs.preparation import prepared_arc
+from radioloc.jobs.locate import compute_residuals, locate
 from radioloc.kernels.files import sha256_of
 from radioloc.report.files import INCOMPLETE, json_text
 from radioloc.results.cards import Card, Field
@@ -157,8 +156,7 @@ def _repeated(path: Path, recorded: Mapping[str, Any], file: str | Path | None) 
         )
     if hours != full_study.observations.hours:
         return arcs(full_study, [hours]).arcs[0].solution.to_dict()
-    predictor, left_out = prepared_arc(study)
-    return fit_arc(study, predictor, left_out, None if estimate is None else study.estimate).to_dict()
+    return (compute_residuals if estimate is None else locate)(study).to_dict()
 
 
 def _require_unchanged(problem: str, recorded: Mapping[str, Any], origin: Mapping[str, Any]) -> None:

@@ -176,17 +176,15 @@ def compare_with(
             combined = float(np.linalg.norm(np.linalg.solve(root, difference_m)))
         except np.linalg.LinAlgError:
             combined = None  # a fixed direction makes the covariance singular
-    east_m, north_m, up_m = difference_m.tolist()
+    east, north, up = single
     return ReferenceComparison(
+        *difference_m.tolist(),
         name=name,
         longitude_deg=math.degrees(longitude_rad),
         latitude_deg=math.degrees(latitude_rad),
         height_m=float(height_m),
-        east_m=east_m,
-        north_m=north_m,
-        up_m=up_m,
-        east_sigmas=single[0],
-        north_sigmas=single[1],
-        up_sigmas=single[2],
+        east_sigmas=east,
+        north_sigmas=north,
+        up_sigmas=up,
         combined_sigmas=combined,
     )

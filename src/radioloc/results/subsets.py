@@ -640,9 +640,8 @@ class LeaveOneOut(Result):
 
 def _place_names(solution: Solution) -> list[str]:
     """Return the names of the targets whose places are estimated; empty of the only one."""
-    if solution.targets:
-        return [item.name for item in solution.targets if solution.of_target(item.name).position_estimated]
-    return [""] if solution.trajectory is None and solution.position_estimated else []
+    places = solution.places if solution.trajectory is None else []
+    return [place.name * bool(solution.targets) for place in places if place.position_estimated]
 
 
 def _shift_cells(row: Omission) -> tuple[str, ...]:

@@ -177,7 +177,7 @@ def search(study: Study | str | Path, observations: Observations | None = None) 
         result = _with_transmitters(result, original, observations)
         result = _with_first_orbit(result, original, observations)  # with the true transmitters
     orbit, is_single = original.estimate.orbit, original.orbiter is not None and not original.targets
-    if is_single and not original.lands and (orbit is None or orbit.process_noise is None):
+    if is_single and not original.landers and (orbit is None or orbit.process_noise is None):
         # Stochastic accelerations absorb manoeuvres.
         return _with_manoeuvres(result, observations)
     return result

@@ -326,7 +326,7 @@ class Study:
     @property
     def points(self) -> dict[str, LunarPosition]:
         """A-priori positions of the targets that are points on the Moon, by name."""
-        return {name: item for name, item in self.all_targets.items() if isinstance(item, LunarPosition)}
+        return self._of_kind(LunarPosition)
 
     @property
     def names_in_order(self) -> tuple[str, ...]:
@@ -338,7 +338,7 @@ class Study:
     @property
     def orbiters(self) -> dict[str, Orbiter]:
         """Targets whose orbits are determined, by name."""
-        return {name: item for name, item in self.all_targets.items() if isinstance(item, Orbiter)}
+        return self._of_kind(Orbiter)
 
     @property
     def orbiter(self) -> Orbiter | None:
@@ -351,19 +351,17 @@ class Study:
         return (*self.points, *(name for name, item in self.orbiters.items() if item.landing is not None))
 
     @property
-    def lands(self) -> bool:
-        """Return whether the first orbiter lands."""
-        return self.orbiter is not None and self.orbiter.landing is not None
-
-    @property
     def trajectories(self) -> dict[str, Trajectory]:
         """Known trajectories of targets, by name."""
-        return {name: item for name, item in self.all_targets.items() if isinstance(item, Trajectory)}
+        return self._of_kind(Trajectory)
 
     @property
     def described(self) -> dict[str, TargetDescription]:
         """Targets of registered kinds, by name."""
-        return {name: item for name, item in self.all_targets.items() if isinstance(item, TargetDescription)}
+        return self._of_kind(TargetDescription)
+
+    def _of_kind(self, kind: Any) -> dict[str, Any]:
+        return {name: item for name, item in self.all_targets.items() if isinstance(item, kind)}
 
     def __repr__(self) -> str:
         target = ", ".join(self.targets) if len(self.targets) > 1 else repr(self.target).strip("<>")

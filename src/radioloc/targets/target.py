@@ -17,7 +17,7 @@ from radioloc.errors import InputError
 from radioloc.estimation.status import Doubt
 from radioloc.lunar.local import EAST_NORTH_UP, rot_pa_to_enu
 from radioloc.measurements.physical_model import PhysicalModel
-from radioloc.measurements.target_motion import TargetMotion
+from radioloc.measurements.target_motion import MotionLike, TargetMotion, as_motion
 from radioloc.parameters.parameter import Parameter, Role
 from radioloc.plugins import Registry
 from radioloc.targets.doubts import FittedObservations
@@ -41,6 +41,13 @@ class TargetKind:
 
     name: str  #: unique name: ``kind`` of ``[target]`` and ``[targets.NAME]``
     record: type[TargetDescription]  #: dataclass of the other keys, a :class:`TargetDescription`
+
+
+def declared_motion(record: MotionLike | TargetDescription, model: PhysicalModel) -> TargetMotion:
+    """Return the a-priori motion of a position, a trajectory or a target of a registered kind."""
+    return (
+        record.target("", model).start if isinstance(record, TargetDescription) else as_motion(record, model)
+    )
 
 
 TARGET_KINDS: Mapping[str, TargetKind] = Registry("radioloc.targets", TargetKind, ())

@@ -146,7 +146,7 @@ def visibility(
     by_station = {name: masks.for_station(name) for name in names}
     targets = tuple(scene.motions) if several else ()
     notes = model.catalogue.antenna_notes(names)
-    if not all(isinstance(target, SpacecraftTrajectory) for target in scene.positions.values()):
+    if any(motion.trajectory is None for motion in scene.motions.values()):
         notes.append(
             "the target's horizon is that of a sphere, without terrain: state its mask, [simulation] target_mask_deg"
         )

@@ -7,11 +7,15 @@ import change5_case
 import numpy as np
 import pytest
 from reader_cases import EXAMPLES
+from toy_moon import ToyMoon, toy_fit
 
 import radioloc
 from radioloc.constants import C_M_S
 from radioloc.estimation import FitStatus, variance_components
+from radioloc.estimation.consistency_results import ConsistencyTest
+from radioloc.estimation.status import Doubt
 from radioloc.jobs.preparation import prepared_arc
+from radioloc.jobs.verdict import decide_status
 from radioloc.lunar import LunarPosition
 from radioloc.measurements import MEASUREMENTS, Link, PhysicalModel
 from radioloc.simulation import Noise, NoiseModel, Scenario, Schedule
@@ -177,3 +181,29 @@ def test_reference_in_other_axes_than_stated_is_a_finding():
         f"the coordinates of the reference {study.reference.name} are in principal axes"
     ]
     assert solution.converged
+
+
+OFF_THE_MOON = Doubt(FitStatus.OFF_THE_MOON, "a height of 4000 km")
+MISFIT = Doubt(FitStatus.MISFIT, "residuals of 9 km")
+MISTAKE = ConsistencyTest("mistake", "the values have the wrong sign", 1.0, 1, -9.0)
+
+
+@pytest.mark.parametrize(
+    ("doubts", "mistake", "sigma_m", "status"),
+    [
+        ([], None, 0.0, FitStatus.CONVERGED),
+        ([], MISTAKE, 0.0, FitStatus.MISFIT),
+        ([OFF_THE_MOON], MISTAKE, 0.0, FitStatus.OFF_THE_MOON),
+        ([], None, 1e6, FitStatus.UNOBSERVABLE),
+        ([OFF_THE_MOON], None, 1e6, FitStatus.UNOBSERVABLE),
+        ([MISFIT], None, 1e6, FitStatus.MISFIT),
+        ([], MISTAKE, 1e6, FitStatus.MISFIT),
+    ],
+)
+def test_status_follows_from_all_reasons_at_once(doubts, mistake, sigma_m, status):
+    assessed = toy_fit(ToyMoon(200, 72.0), ephemeris_sigma_enu_m=(sigma_m,) * 3)
+    decided, message = decide_status(assessed, doubts, mistake)
+    assert decided is status
+    assert (MISFIT.reason in message) == (MISFIT in doubts)
+    # With a sigma that large, a height is no further reason.
+    assert (OFF_THE_MOON.reason in message) == (status is FitStatus.OFF_THE_MOON)

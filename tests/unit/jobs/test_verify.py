@@ -105,8 +105,7 @@ def repeat(example):
     """The fit once for all cases: what is compared is changed in the file only."""
     solution = radioloc.locate(radioloc.read_study(example / "s.toml"))
     patch = pytest.MonkeyPatch()
-    patch.setattr("radioloc.jobs.verification.prepared_arc", lambda study: (None, {}))
-    patch.setattr("radioloc.jobs.verification.fit_arc", lambda *_: solution)
+    patch.setattr("radioloc.jobs.verification.locate", lambda study: solution)
     yield
     patch.undo()
 

@@ -21,7 +21,8 @@ def run(folder, *command, **environment):
     done = subprocess.run(
         [sys.executable, "-c", _BETWEEN, sys.executable, *command],
         cwd=folder,
-        env=os.environ | {"PYTHONWARNINGS": "ignore"} | environment,
+        # Byte code is kept, as by users: without it each command compiles the whole source.
+        env=os.environ | {"PYTHONWARNINGS": "ignore", "PYTHONDONTWRITEBYTECODE": ""} | environment,
         stdout=subprocess.PIPE,
         text=True,
         check=False,

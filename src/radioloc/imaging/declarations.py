@@ -34,7 +34,7 @@ POINT_FIGURE = FigureType(
 BASE_MAP_FIGURE = FigureType(
     "base_map",
     plot_base_map,
-    "the mosaic with the outlines of the images, and the tie points with their residuals",
+    "the mosaic, and the residuals of the tie points with the numbers of the images",
     photograph=True,
 )
 STEREO_FIGURE = FigureType(

@@ -42,6 +42,11 @@ _MIN_NEW_PART = 0.15  # change of scale, or motion as a part of the image, of an
 _TOLERANCE_PX = 0.1  # of rectified images: a third of the residuals of tie points
 _RING_STEPS = 16  # points on each side of an outline
 _ADJUSTED, _LEVEL = "adjusted", "level ground"  # poses in the table
+POSE_COLUMNS = (
+    *("file", "pose", "x_m", "y_m", "z_m", "qw", "qx", "qy", "qz", "longitude_deg", "latitude_deg"),
+    *("height_m", "altitude_m", "tilt_deg", "azimuth_deg", "sigma_x_deg", "sigma_y_deg", "sigma_z_deg"),
+    *("sigma_east_m", "sigma_north_m", "sigma_up_m"),
+)
 _CSV_DECIMALS = {"longitude_deg": 8, "latitude_deg": 8} | dict.fromkeys(TIE_COLUMNS, 3)
 
 
@@ -85,40 +90,33 @@ def pose_table(solution: MappedImages) -> dict[str, Any]:
     azimuth counts from north over east. Poses that are not adjusted follow from the homography of level ground; their
     attitude contains its slope. Sigmas are relative to the map.
     """
-    registration = solution.registration
-    rows = []
+    registration, rows = solution.registration, []
     for frame in solution.registered:
         sensor = registration.sensor_model(frame.name, solution.position.selenographic[2])
         if sensor is None:
             continue
         position, rotation = sensor.orientation.position_m, sensor.orientation.rot_camera_to_moon
-        longitude, latitude, height_m = (
-            float(part[0]) for part in cartesian_to_selenographic(position[None])
-        )
-        east, north, up = east_north_up(longitude, latitude) @ rotation[:, 2]
+        longitude, latitude, [height_m] = cartesian_to_selenographic(position[None])
+        east, north, up = east_north_up(longitude[0], latitude[0]) @ rotation[:, 2]
         covariance = registration.pose_covariance(frame.name)
         sigmas = np.full(6, np.nan) if covariance is None else np.sqrt(np.diag(covariance))
-        rows.append(
-            {
-                "file": frame.name,
-                "pose": _LEVEL if covariance is None else _ADJUSTED,
-                **dict(zip(("x_m", "y_m", "z_m"), position, strict=True)),
-                **dict(
-                    zip(("qw", "qx", "qy", "qz"), quaternions_from_matrices(rotation[None])[0], strict=True)
-                ),
-                "longitude_deg": math.degrees(longitude),
-                "latitude_deg": math.degrees(latitude),
-                "height_m": height_m,
-                "altitude_m": solution.altitudes_m.get(frame.name, math.nan),
-                "tilt_deg": math.degrees(math.acos(min(1.0, -up))),
-                "azimuth_deg": math.degrees(math.atan2(east, north)) % 360.0,
-                **dict(
-                    zip(("sigma_x_deg", "sigma_y_deg", "sigma_z_deg"), np.degrees(sigmas[:3]), strict=True)
-                ),
-                **dict(zip(("sigma_east_m", "sigma_north_m", "sigma_up_m"), sigmas[3:], strict=True)),
-            }
+        place_deg = np.degrees([longitude[0], latitude[0]])
+        altitude_m = solution.altitudes_m.get(frame.name, math.nan)
+        axis_deg = math.degrees(math.acos(min(1.0, -up))), math.degrees(math.atan2(east, north)) % 360.0
+        quaternion, sigmas_deg = quaternions_from_matrices(rotation[None])[0], np.degrees(sigmas[:3])
+        numbers = (
+            *position,
+            *quaternion,
+            *place_deg,
+            height_m,
+            altitude_m,
+            *axis_deg,
+            *sigmas_deg,
+            *sigmas[3:],
         )
-    return {name: np.array([row[name] for row in rows]) for name in rows[0]} if rows else {"file": []}
+        rows.append((frame.name, _LEVEL if covariance is None else _ADJUSTED, *numbers))
+    columns = map(np.array, zip(*rows, strict=True))
+    return dict(zip(POSE_COLUMNS, columns, strict=True)) if rows else {"file": []}
 
 
 def track_deg(poses: Mapping[str, Any]) -> Floats:

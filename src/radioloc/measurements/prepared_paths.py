@@ -114,11 +114,8 @@ class PreparedPaths(Predictor):
     @property
     def predicted_eop(self) -> Mask:
         """Mask of observations with predicted Earth orientation, shape (n,)."""
-        n = len(self.observations)
-        predicted = self._ends.predicted_eop.reshape(2, -1).any(axis=0)
-        out = predicted[:n].copy()
-        out[self._integrated] |= predicted[n:]
-        return out
+        # The first paths are those of the ends of count intervals; only later orientation is predicted.
+        return self._ends.predicted_eop.reshape(2, -1)[:, : len(self.observations)].any(axis=0)
 
     def select(self, rows: Any) -> Self:
         """Return the prepared arc of some observations by a mask, a slice or indices."""

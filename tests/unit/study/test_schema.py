@@ -129,7 +129,8 @@ def test_errors_of_built_records_name_the_table():
         table().build(make, a=8)
 
 
-def test_messages_stay_on_a_line_however_long_the_value():
+@pytest.mark.parametrize("value", ["x" * 5000, [0.5] * 5000], ids=["text", "list"])
+def test_messages_stay_on_a_line_however_long_the_value(value):
     with pytest.raises(InputError) as caught:
-        table(key="x" * 5000).get("key", float)
+        table(key=value).get("key", float)
     assert len(str(caught.value)) < 200

@@ -80,7 +80,7 @@ def plot(result: Result, name: str, ax: Axes | None = None) -> Figure:
     >>> import radioloc
     >>> solution = radioloc.locate(radioloc.read_study("examples/apollo15/apollo15.toml"))
     >>> radioloc.report.plot(solution, "budget").axes[0].get_xlabel()
-    '1 sigma (m); beside the bars: 3D'
+    '1 sigma (cm); beside the bars: 3D'
     """
     declared = {figure_type.stem: figure_type for figure_type in available_figures(result)}
     if name not in declared:

@@ -13,7 +13,7 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from radioloc.constants import LUNAR_HEIGHT_LIMITS_M
+from radioloc.constants import LUNAR_HEIGHT_LIMITS_M, MEAN_LUNAR_RADIUS_M
 from radioloc.errors import InputError, error_context, legible
 from radioloc.text_files import json_file
 from radioloc.time import epochs_from_strings
@@ -25,6 +25,7 @@ MAX_COORDINATE_M = 1e12
 """Largest accepted coordinate or sigma of a position; fits that fail can end far from the Moon."""
 
 _MAX_SHOWN = 60  # characters of a wrong value
+_MAX_HEIGHT_DIFFERENCE_M = 1e3  # between the forms of a position
 
 
 def read_recorded(path: str | Path) -> Mapping[str, Any]:
@@ -128,6 +129,13 @@ def _require_complete(value: Mapping[str, Any]) -> None:
             _require_complete({**value, **target, "targets": {}})
     if value["position"] is None:
         return
+    stated_m = value["position"]["me"]["height_m"]
+    for axes, place in value["position"].items():
+        height_m = math.hypot(*(place[key] for key in _XYZ)) - MEAN_LUNAR_RADIUS_M
+        if not math.isclose(height_m, stated_m, abs_tol=_MAX_HEIGHT_DIFFERENCE_M):
+            _fail(
+                f"position.{axes}", f"x, y and z at position.me.height_m, {stated_m:.0f} m", round(height_m)
+            )
     for key in ("sigma", "covariance"):
         if value[key] is None:
             _fail(key, "an object beside the position", None)

@@ -57,6 +57,7 @@ def test_written_results_pass(solution, content, tmp_path):
         ("position.me.height_m", 10**400, "position.me.height_m"),
         ("position.me.frame", "PA_DE421", "position.me.frame"),
         ("position.pa.x_m", float("nan"), "position.pa.x_m"),
+        ("position.me.y_m", 5e6, "position.me"),
         ("sigma.east_m", -1.0, "sigma.east_m"),
         ("covariance.enu_m2", [[1.0]], "covariance.enu_m2"),
         ("covariance.enu_m2.0.1", 1e9, "covariance.enu_m2"),

@@ -153,15 +153,13 @@ class CorrelatedWhitener:
             state = np.zeros((1, values.shape[1])) if state is None else state
             yield self.filter.innovations(values, slice(start, start := start + len(values)), state)
 
-    def weighted(self, parts: Iterable[Floats]) -> Floats:
-        """Return combinations (N, c) of the stated noise, from whitened parts by the transpose of the filter."""
-        return self.filter.adjoint(np.concatenate(list(parts)))
-
     def transposed(self, parts: Iterable[Floats]) -> Iterator[tuple[Rows, Floats]]:
         """Rows and the product of such parts with the transpose of :meth:`whitened`."""
         whitened = list(parts)
         ends = np.cumsum([len(part) for part in whitened])
-        return self.series.whitener.transposed(np.split(self.weighted(whitened), ends[:-1]))
+        return self.series.whitener.transposed(
+            np.split(self.filter.adjoint(np.concatenate(whitened)), ends[:-1])
+        )
 
 
 def add_rows(sums: Floats, place: Indices, values: Floats) -> None:

@@ -240,11 +240,8 @@ def _with_covariances(
     whitened, series = np.concatenate(list(fit.whitened_unit_partials(directions))), noise.series
     weighted = noise.filter.adjoint(whitened)
     unit = prior.T @ prior + gram(weighted, weighted)
-    added, rows_of_group, variances = (
-        np.zeros_like(unit),
-        dict[str, list[Indices]](),
-        dict[str, list[float]](),
-    )
+    added = np.zeros_like(unit)
+    rows_of_group, variances = dict[str, list[Indices]](), dict[str, list[float]]()
     names = {weight.name for weight in weights}
     processes = [correlation.noise.get(item.key, NO_NOISE) for item in series.series]
     for item, process, rows in zip(series.series, processes, series.of_each, strict=True):

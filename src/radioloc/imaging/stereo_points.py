@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from radioloc.errors import InputError
+from radioloc.estimation.statistics import robust_scale
 from radioloc.imaging.frames import load_opencv, read_frame
 from radioloc.imaging.point_location import build_provenance, stereo_pair
 from radioloc.imaging.stereo import StereoPair
@@ -221,8 +222,7 @@ def _shift_variance(left: Image, right: Image, shift: Floats) -> Floats:
     lines, samples = np.indices(shift.shape, np.float32)
     moved = cv2.remap(right, (samples - shift).astype(np.float32), lines, cv2.INTER_LINEAR)
     difference = (left.astype(np.float64) - moved)[shift > 0.0]
-    deviation = np.median(np.abs(difference - np.median(difference))) if len(difference) else 0.0
-    noise = 0.5 * (1.4826 * deviation) ** 2
+    noise = 0.5 * robust_scale(difference - np.median(difference), 0) ** 2 if len(difference) else 0.0
     gradient = 0.5 * cv2.Sobel(left, cv2.CV_64F, 1, 0, ksize=1)
     energy = cv2.boxFilter(gradient**2 - 0.5 * noise, -1, (_BLOCK_PX, _BLOCK_PX), normalize=False)
     return np.divide(2.0 * noise, energy, out=np.full_like(energy, np.inf), where=energy > 0.0)

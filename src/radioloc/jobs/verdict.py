@@ -134,12 +134,17 @@ def decide_status(
     if status is FitStatus.CONVERGED:
         reasons = reasons or [*_finding_doubts(assessed, mistake)][:1]
         status = reasons[0].status if reasons else status
-    if status in _ENDED and all(doubt.status is not FitStatus.MISFIT for doubt in doubts):
+    if status in _ENDED and _residuals_fit(doubts):
         for doubt in _sigma_doubts(assessed.estimate):
-            if status is FitStatus.OFF_THE_MOON:  # With such a sigma, a height is no further reason.
+            if status is FitStatus.OFF_THE_MOON:  # such a sigma explains the height
                 reasons, remark = [], ""
             status, reasons = doubt.status, [doubt, *reasons]
     return status, "; ".join(filter(None, (*(doubt.reason for doubt in reasons), remark)))
+
+
+def _residuals_fit(doubts: Sequence[Doubt]) -> bool:
+    """Return whether all doubts concern the place."""
+    return all(doubt.status is not FitStatus.MISFIT for doubt in doubts)
 
 
 def _finding_doubts(assessed: AssessedFit, mistake: ConsistencyTest | None) -> Iterator[Doubt]:
@@ -191,7 +196,7 @@ def coordinate_doubts(
     predictor: Predictor, motions: Motions, used: Mask, doubts: Sequence[Doubt]
 ) -> Iterator[str]:
     """Yield a warning for each station that fits, or sees the target, only with exchanged axes or signs."""
-    fits = all(doubt.status is not FitStatus.MISFIT for doubt in doubts)
+    fits = _residuals_fit(doubts)
     # Without it a station with x and y exchanged is only far off (tests/unit/jobs/test_station_doubts.py).
     observations, shipped = predictor.observations, StationCatalogue.default()
     for name in () if a_priori_orbits(predictor) else predictor.stations:

@@ -106,6 +106,7 @@ def assess_fit(
         sigmas = () if stated_m is None else wrong_sigmas(edited, stated_m, order)
         tests = replace(tests, findings=(*tests.findings, *sigmas))
     estimate = with_findings(estimate, tests)
+    tests = replace(tests, adapted=estimate.adapted)
     return AssessedFit(edited, order, residuals, estimate, tests, correlation)
 
 

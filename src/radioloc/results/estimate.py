@@ -56,9 +56,8 @@ class LocatedEstimate(ReportedEstimate):
     trajectory: str | None = None
     #: Positions of several targets; :attr:`position_pa_m` is that of the first.
     targets: tuple[TargetPosition, ...] = ()
-    adapted: AdaptedEstimate | None = (
-        None  #: estimate with the findings of the consistency tests as parameters
-    )
+    #: Estimate with the findings of the consistency tests as parameters.
+    adapted: AdaptedEstimate | None = None
 
     def __post_init__(self) -> None:
         p, shapes = len(self.parameters), dict[str, tuple[int, ...]]()

@@ -10,6 +10,7 @@ import math
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -37,8 +38,10 @@ _OUTLINE_POINTS = 65  # per side of an image
 _MAX_RAY_MISS_CELLS = 1.0  # of a point from the first intersection of its ray, for a visible point
 # Largest distance from the middle of an image's tie points, in their standard deviations; a square's corner has 2.4.
 _MAX_EXTRAPOLATION = 4.0
-# Squares of cells in which pixels are interpolated between the corners.
-_MAX_SQUARE_CELLS, _MIN_SQUARE_CELLS, _MIN_SQUARES = 16, 4, 8
+_SQUARE_CELLS, _MIN_SQUARES = (
+    (16, 4),
+    8,
+)  # sides of squares in which pixels are interpolated, their least number
 _MAX_EQUIRECTANGULAR_LATITUDE_DEG = 60.0  # a parallel there has half of its length on the map
 
 
@@ -234,68 +237,80 @@ def rectified(
     """Return an image resampled to a grid, and the mask of cells that it shows.
 
     Pixels much smaller than a cell are averaged. `mask` selects usable pixels of the image. With a tolerance, pixels
-    are interpolated in squares of cells whose middle agrees with the corners.
+    are interpolated in squares of cells whose middle agrees with the corners; other squares are divided.
     """
     from radioloc.imaging._kernels import resampled  # imports numba
 
     counts = grid.rows, grid.columns
-    step = min(_MAX_SQUARE_CELLS, min(counts) // _MIN_SQUARES) if tolerance_px else 1
-    step = step if step >= _MIN_SQUARE_CELLS else 1
-    nodes = [step * np.arange(-(-n // step) + 1.0) for n in counts]
-    corners, shown = _exact_pixels(view, grid, *np.meshgrid(*nodes, indexing="ij"))
-    in_image = ((corners >= -0.5) & (corners < np.array(image.shape[::-1]) - 0.5)).all(axis=-1)
-    part, reduction = _reduced(image, corners, shown & in_image, step)
     usable = np.ones(image.shape, bool) if mask is None else mask
     limits = np.iinfo(image.dtype) if image.dtype.kind in "iu" else None
     bounds = (-np.inf, np.inf) if limits is None else (float(limits.min), float(limits.max))
-    values, visible, calculated = (
-        np.zeros(counts, image.dtype),
-        shown[:-1, :-1].copy(),
-        np.zeros(counts, bool),
-    )
-    if step > 1:
-        visible, calculated = _smooth_cells(view, grid, nodes, corners, shown, tolerance_px)
-    resampled(corners, step, visible, values, part, usable, reduction, bounds)
-    if calculated.any():
-        pixels, exact = _exact_pixels(view, grid, *(cells[np.newaxis] for cells in np.nonzero(calculated)))
-        exact_values = np.zeros(exact.shape, image.dtype)
-        resampled(pixels, 1, exact, exact_values, part, usable, reduction, bounds)
-        values[calculated], visible[calculated] = exact_values[0], exact[0]
+    values, visible, remaining = np.zeros(counts, image.dtype), np.zeros(counts, bool), np.ones(counts, bool)
+    steps = [step for step in _SQUARE_CELLS if tolerance_px and _MIN_SQUARES * step <= min(counts)]
+    reduced = None
+    for step in (*steps, 1):
+        squares = _squares(view, grid, remaining[::step, ::step], step, tolerance_px)
+        if reduced is None:
+            reduced = _reduced(image, squares, step)
+        part, reduction = reduced
+        drawn = _cells(squares.smooth, step, counts)
+        resampled(squares.corners, step, drawn, values, part, usable, reduction, bounds)
+        visible |= drawn
+        remaining = _cells(squares.mixed, step, counts)
     return values, visible
 
 
-def _smooth_cells(
-    view: View, grid: MapGrid, nodes: list[Floats], corners: Floats, shown: Mask, tolerance_px: float
-) -> tuple[Mask, Mask]:
-    """Select the cells of squares in which pixels are interpolated, and those of squares that an edge may cross."""
+class _Squares(NamedTuple):
+    """Squares of cells: pixels of their corners, and whether pixels are interpolated or an edge may cross."""
+
+    corners: Floats  # (rows, columns, 2)
+    shown: Mask  # corners, (rows, columns)
+    smooth: Mask
+    mixed: Mask
+
+
+def _squares(view: View, grid: MapGrid, chosen: Mask, step: int, tolerance_px: float) -> _Squares:
+    """Return the chosen squares of a grid; single cells are smooth."""
     from scipy.ndimage import binary_dilation
 
-    step = int(nodes[0][1])
-    middles = np.meshgrid(*(part[:-1] + 0.5 * step for part in nodes), indexing="ij")
-    middle, middle_shown = _exact_pixels(view, grid, *middles)
+    if step == 1:
+        corners, shown = _exact_pixels(view, grid, chosen, 1, 0.0)
+        return _Squares(corners, shown, shown, np.zeros_like(chosen))
+    nodes = np.zeros(np.array(chosen.shape) + 1, bool)
     ends = slice(None, -1), slice(1, None)
-    mean = sum((corners[i, j] for i in ends for j in ends), np.zeros_like(middle)) / 4.0
-    visibles = np.array([*(shown[i, j] for i in ends for j in ends), middle_shown])
-    smooth = visibles.all(axis=0) & (np.abs(mean - middle).max(axis=-1) < tolerance_px)
-    mixed = binary_dilation(visibles.any(axis=0), np.ones((3, 3))) & ~smooth
-    kinds = np.repeat(np.repeat(np.array([smooth, mixed]), step, axis=1), step, axis=2)
-    return kinds[0, : grid.rows, : grid.columns].copy(), kinds[1, : grid.rows, : grid.columns]
+    for i, j in product(ends, ends):
+        nodes[i, j] |= chosen
+    corners, shown = _exact_pixels(view, grid, nodes, step, 0.0)
+    middle, middle_shown = _exact_pixels(view, grid, chosen, step, 0.5)
+    mean = sum((corners[i, j] for i, j in product(ends, ends)), np.zeros_like(middle)) / 4.0
+    visibles = np.array([*(shown[i, j] for i, j in product(ends, ends)), middle_shown])
+    smooth = chosen & visibles.all(axis=0) & (np.abs(mean - middle).max(axis=-1) < tolerance_px)
+    mixed = chosen & binary_dilation(visibles.any(axis=0), np.ones((3, 3))) & ~smooth
+    return _Squares(corners, shown, smooth, mixed)
 
 
-def _exact_pixels(view: View, grid: MapGrid, rows: Any, columns: Any) -> tuple[Floats, Mask]:
-    """Return pixels and visibility of cells of any shape."""
-    angles = np.column_stack(grid.longitude_latitude(rows.ravel(), columns.ravel()))
-    pixels, visible = np.zeros_like(angles), np.asarray(np.isfinite(angles).all(axis=1))
+def _cells(squares: Mask, step: int, counts: tuple[int, int]) -> Mask:
+    """Select the cells of squares in a grid of rows and columns."""
+    return np.repeat(np.repeat(squares, step, axis=0), step, axis=1)[: counts[0], : counts[1]].copy()
+
+
+def _exact_pixels(view: View, grid: MapGrid, chosen: Mask, step: int, offset: float) -> tuple[Floats, Mask]:
+    """Return pixels and visibility of the chosen places of a lattice with a step of cells."""
+    pixels, visible = np.zeros((*chosen.shape, 2)), chosen.copy()
+    angles = np.column_stack(grid.longitude_latitude(*(step * (np.argwhere(chosen) + offset)).T))
+    visible[chosen] = np.isfinite(angles).all(axis=1)
     if visible.any():
-        pixels[visible], visible[visible] = view.pixels(angles[visible], grid.resolution_m)
-    return pixels.reshape(*rows.shape, 2), visible.reshape(rows.shape)
+        pixels[visible], visible[visible] = view.pixels(angles[visible[chosen]], grid.resolution_m)
+    return pixels, visible
 
 
-def _reduced(image: NDArray[Any], pixels: Floats, visible: Mask, step: int) -> tuple[NDArray[Any], int]:
-    """Return an image by means of square blocks as wide as cells, and the width of a block, for pixels of cells."""
+def _reduced(image: NDArray[Any], squares: _Squares, step: int) -> tuple[NDArray[Any], int]:
+    """Return an image by means of square blocks as wide as cells, and the width of a block."""
+    pixels = squares.corners
+    in_image = ((pixels >= -0.5) & (pixels < np.array(image.shape[::-1]) - 0.5)).all(axis=-1) & squares.shown
     widths = [
-        np.hypot(*np.diff(pixels, axis=k)[visible.take(range(n - 1), k) & visible.take(range(1, n), k)].T)
-        for k, n in enumerate(visible.shape)
+        np.hypot(*np.diff(pixels, axis=k)[in_image.take(range(n - 1), k) & in_image.take(range(1, n), k)].T)
+        for k, n in enumerate(in_image.shape)
     ]
     medians = (float(np.median(width)) / step for width in widths if len(width))
     reduction = max(1, int(min(medians, default=1.0)))

@@ -93,7 +93,7 @@ def predictions(folder: Path) -> Iterator[Row]:
         Session("range", all_ranges(*RANGING), START, STOP, 1.0, sigma_m=1.0),
         Session("vlbi_delay", baselines(*VLBI), START, STOP, 1.0, sigma_m=0.3),
     ]
-    planned = Schedule(sessions).plan(model, place_pa_m).observations
+    planned = Schedule(sessions).plan(model, LANDER).observations
     numba.set_num_threads(1)
     own_s = {}
     for name, kind in (("three-way range", "range"), ("VLBI delay", "vlbi_delay")):

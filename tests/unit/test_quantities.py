@@ -13,7 +13,7 @@ from radioloc.ephemeris import Ephemeris, LunarOrientation
 from radioloc.errors import InputError, StationError
 from radioloc.lunar import LunarPosition, rot_icrf_to_iau_moon
 from radioloc.lunar.frames import hidden_by_moon
-from radioloc.measurements import Link, Observations
+from radioloc.measurements import FixedPoint, Link, Observations
 from radioloc.media import UniformTec
 from radioloc.simulation import Masks, Session, elevations, two_way, windows
 from radioloc.study import EstimateChoice, ObservationChoice, PlaceOnMap
@@ -140,26 +140,27 @@ def test_an_epoch_in_any_scale_is_the_same_instant(scale, model):
         (rot_icrf_to_iau_moon, tdb, 1e-13),
         (lambda at: EarthOrientation.default().evaluate(at).rot_itrf_to_gcrs, tt, 2e-12),
         (station.position_at, tt, 1e-6),
-        (lambda at: elevations(model, LANDER_PA_M, ["KASHI"], at).at_station_rad, tt, 2e-12),
+        (lambda at: elevations(model, LANDER, ["KASHI"], at).at_station_rad, tt, 2e-12),
         (lambda at: UniformTec(10.0).slant_tec(station.itrf_m, 0.1, 0.7, at), utc, 1e-12),
     ):
         np.testing.assert_allclose(function(time), function(argument), rtol=0.0, atol=tolerance)
 
 
-LANDER_PA_M = radioloc.LunarPosition.from_selenographic(-51.9162, 43.0584, -2550.4).to_frame("PA_DE421").xyz_m
+LANDER = radioloc.LunarPosition.from_selenographic(-51.9162, 43.0584, -2550.4)
+LANDER_PA_M = LANDER.to_frame("PA_DE421").xyz_m
 
 
 def test_places_in_kilometres_and_of_astropy(model):
     in_km = LANDER_PA_M / 1e3 * u.km
     of_astropy = CartesianRepresentation(*in_km)
-    plain = windows(model, LANDER_PA_M, ["KASHI"], "2020-12-01T15:11:00", "2020-12-02T15:11:00")
+    plain = windows(model, LANDER, ["KASHI"], "2020-12-01T15:11:00", "2020-12-02T15:11:00")
     assert plain
     for place in (in_km, of_astropy):
-        assert windows(model, place, ["KASHI"], START.tt, START.tdb + 1 * u.day) == plain
+        assert windows(model, FixedPoint(place), ["KASHI"], START.tt, START.tdb + 1 * u.day) == plain
     assert radioloc.LunarPosition("PA_DE421", of_astropy).xyz_m == pytest.approx(LANDER_PA_M, abs=1e-8)
     assert hidden_by_moon(of_astropy, -of_astropy)
-    with pytest.raises(InputError, match="target_pa_m: expected coordinates"):
-        windows(model, radioloc.LunarPosition("PA_DE421", LANDER_PA_M), ["KASHI"], "2020-12-01", "2020-12-02")
+    with pytest.raises(InputError, match="write FixedPoint"):
+        windows(model, in_km, ["KASHI"], "2020-12-01", "2020-12-02")
     station = EarthLocation.from_geocentric(4075539.9, 931735.2, 4801629.4, unit="m")
     earth_km_s = [10.0, 25.0, 12.0] * u.km / u.s
     bare = topocentric_tdb_minus_tt([1e4, 2.5e4, 1.2e4], [4075539.9, 931735.2, 4801629.4])

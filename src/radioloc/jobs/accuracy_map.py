@@ -216,7 +216,7 @@ class _Sites:
         # Which station transmits depends on the site.
         sessions = [replace(session, one_uplink=False) for session in scenario.schedule.sessions]
         schedule = replace(scenario.schedule, sessions=sessions, masks=wider)
-        plan = schedule.plan(model, {next(iter(scenario.targets)): self._place(0.0, 0.0).xyz_m})
+        plan = schedule.plan(model, {next(iter(scenario.targets)): self._place(0.0, 0.0)})
         predictor, _, rows = planned_arc(study, plan.observations, model, {})
         noise = scenario.noise.covariance(plan).select(rows)
         lengths = arc_lengths([1e9 if self.hours is None else self.hours], study.observations)
@@ -238,7 +238,7 @@ class _Sites:
     def _accuracy(self, model: ObservationModel, row: int, column: int) -> tuple[float, ...]:
         """Return the columns of a site; sigmas are infinite where the observations do not determine it."""
         place = self._place(float(self.longitude_deg[column]), float(self.latitude_deg[row]))
-        visible = self._planner.measured(self._planned[0], {next(iter(self._scenario.targets)): place.xyz_m})
+        visible = self._planner.measured(self._planned[0], {next(iter(self._scenario.targets)): place})
         if not visible.any():
             return _NOT_VISIBLE
         problem, choice = self.part.problem, self.study.estimate

@@ -16,27 +16,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.constants import C_M_S
-from radioloc.ephemeris.trajectory import SpacecraftTrajectory
 from radioloc.errors import InputError
 from radioloc.jobs.preparation import build_model, prepared_arc
 from radioloc.labels import Labels
-from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.exact_predictor import ExactPredictor
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.predictor import reasons
 from radioloc.measurements.registry import Geometry, is_one_way, kind_of
 from radioloc.measurements.station_motion import StationMotion
-from radioloc.measurements.target_motion import TargetMotion, TrajectoryMotion
+from radioloc.measurements.target_motion import TargetMotion
 from radioloc.quantities import DateLike, FloatLike, accepts_quantities
 from radioloc.results.predictions import LightTimes, Pass, Passes
 from radioloc.simulation.schedule import LINKS, Schedule, Session
-from radioloc.simulation.simulate import TargetRecord
-from radioloc.simulation.visibility import Masks, Target, Window, elevations, tracked_target, windows
+from radioloc.simulation.simulate import TargetRecord, spanning_motion
+from radioloc.simulation.visibility import Masks, Window, elevations, windows
 from radioloc.study.observation_choice import link_stations
 from radioloc.study.study import Study
 from radioloc.study.study_file import as_study
-from radioloc.targets.target import TargetDescription, declared_motion
 from radioloc.time import (
     Epochs,
     epochs_from_strings,
@@ -139,7 +136,7 @@ def visibility(
     several = len(scene.motions) > 1
     passes = [
         _pass(model, target, name, window, target_name if several else "")
-        for target_name, target in scene.positions.items()
+        for target_name, target in scene.motions.items()
         for name in dict.fromkeys(names)
         for window in windows(model, target, [name], first, last, masks)
     ]
@@ -165,11 +162,6 @@ class Scene:
     stop_utc: str
     masks: Masks
 
-    @property
-    def positions(self) -> dict[str, Target]:
-        """Positions of points, principal axes, m, and trajectories of spacecraft."""
-        return {name: tracked_target(motion) for name, motion in self.motions.items()}
-
 
 def build_scene(
     study: Study | str | Path,
@@ -192,7 +184,7 @@ def build_scene(
         places = study.simulation.targets
     start_utc, stop_utc = start_utc or first, stop_utc or last
     span = epochs_from_strings([start_utc, stop_utc], "UTC")
-    motions = {name: _motion(place, model, span) for name, place in places.items()}
+    motions = {name: spanning_motion(place, model, span) for name, place in places.items()}
     return Scene(
         study.name,
         model,
@@ -202,13 +194,6 @@ def build_scene(
         stop_utc,
         masks if mask_deg is None else replace(masks, station_deg=mask_deg, by_station_deg={}),
     )
-
-
-def _motion(record: TargetRecord, model: PhysicalModel, span_utc: Epochs) -> TargetMotion:
-    """Return the motion of a target, integrated over a span of UTC from a state."""
-    if isinstance(record, LunarPosition | SpacecraftTrajectory | TargetDescription):
-        return declared_motion(record, model)
-    return TrajectoryMotion(record.orbit_spanning(model, span_utc, 0.0).nearest())
 
 
 def _planned(study: Study) -> tuple[list[str], str, str, Masks]:
@@ -228,7 +213,7 @@ def _observed(study: Study) -> tuple[list[str], str, str, Masks]:
     return names, str(min(epochs)), str(max(epochs)), Masks()
 
 
-def _pass(model: PhysicalModel, target: Target, station: str, window: Window, name: str) -> Pass:
+def _pass(model: PhysicalModel, target: TargetMotion, station: str, window: Window, name: str) -> Pass:
     """Return a window with its highest elevation."""
     limits = utc_to_tai(epochs_from_strings([window.start_utc, window.stop_utc], "UTC"))
     length_s = float(limits[1].seconds_since(limits[0])[0])
@@ -323,10 +308,10 @@ def light_times(
         wavelength_um=1e6 * C_M_S / carrier_hz,
     )
     parts = []
-    for name, target in scene.positions.items():
+    for name, target in scene.motions.items():
         planned = Schedule([session], scene.masks).plan(scene.model, target, name).observations
         counts = planned.select(np.argsort(planned.link, kind="stable"))
-        parts.append(_table(scene.model, counts, scene.motions[name], kind, frequency_hz))
+        parts.append(_table(scene.model, counts, target, kind, frequency_hz))
     rows = Observations.concatenate([part for part, _, _ in parts])
     columns = {name: np.concatenate([part[name] for _, part, _ in parts]) for name in parts[0][1]}
     return LightTimes(

@@ -22,6 +22,7 @@ from radioloc.jobs.selection import select_observations, selected, with_target_n
 from radioloc.jobs.study_targets import position_in_pa, targets_in_pa
 from radioloc.labels import USED, Labels
 from radioloc.lunar.frames import earth_elevation_rad
+from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.evaluation import prepare_predictor
 from radioloc.measurements.exact_predictor import ExactPredictor
 from radioloc.measurements.link import canonical_target
@@ -30,7 +31,7 @@ from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.predictor import Predictor, blocks, reasons
 from radioloc.measurements.quantised import with_rounding_in_sigmas
 from radioloc.measurements.sources import read_sources
-from radioloc.measurements.target_motion import FixedPoint, Motions, OrbitMotion, TargetMotion
+from radioloc.measurements.target_motion import MotionLike, Motions, OrbitMotion
 from radioloc.media.csp import read_csp
 from radioloc.media.ionex import read_ionex
 from radioloc.media.ionosphere import UniformTec
@@ -40,11 +41,10 @@ from radioloc.parameters.registry import PARAMETERS
 from radioloc.progress import step
 from radioloc.study.identity import spacecraft_doubts
 from radioloc.study.observation_choice import require_stations, weighted_observations, with_uplinks
-from radioloc.study.orbiter import Orbiter
 from radioloc.study.study import ModelChoice, Study
 from radioloc.study.study_file import as_study
 from radioloc.targets.doubts import MIN_EARTH_ELEVATION_DEG
-from radioloc.targets.target import declared_motion
+from radioloc.targets.target import TargetDescription, declared_motion
 from radioloc.time import Epochs, tt_to_tdb, utc_to_tt
 from radioloc.time.smooth import evaluate_smooth
 from radioloc.vectors import Floats, Indices
@@ -137,12 +137,11 @@ def prepared_arc(
     The a-priori `orbits` of targets over all of them, by name, are not integrated anew.
     """
     model = build_model(study) if model is None else model
-    constants = model.ephemeris.constants
-    start = tuple(FixedPoint(place.xyz_m) for place in targets_in_pa(study, model).values())
-    known_positions(study, constants)  # one in a wrong frame is to be told before the work, not after it
+    places = targets_in_pa(study, model)
+    known_positions(study, model.ephemeris.constants)  # refuses wrong frames before the work
     chosen, left_out = chosen_observations(study, observations, model)
     with step(f"preparing {len(chosen)} observations"):
-        predictor = _arc(study, model, chosen, start, orbits or {})
+        predictor = _arc(study, model, chosen, places, orbits or {})
     logger.info("prepared the model for %d observations by %s", len(chosen), ", ".join(predictor.stations))
     _require_tracked(study, predictor)
     return predictor, left_out
@@ -276,17 +275,23 @@ def _arc(
     study: Study,
     model: PhysicalModel,
     observations: Observations,
-    points: Motions,
+    places: Mapping[str, LunarPosition],
     orbits: Mapping[str, AdjustableOrbit],
 ) -> Predictor:
     names = study.names_in_order
-    flying = [name for name in study.all_targets if name not in study.points]
-    motions = (*points, *(_spacecraft(study, name, model, observations, orbits) for name in flying))
+    orbits = {
+        name: orbits[name] if name in orbits else _orbit(study, name, model, observations)
+        for name in study.orbiters
+    }
+    records: dict[str, MotionLike | TargetDescription] = {**places, **study.trajectories, **study.described}
+    known = {name: declared_motion(record, model) for name, record in records.items()}
+
+    def motions_along(orbits: Mapping[str, AdjustableOrbit]) -> Motions:
+        motions = known | {name: OrbitMotion(orbit) for name, orbit in orbits.items()}
+        return tuple(motions[name] for name in names or study.all_targets)
+
     # Partials of gravity of a lower degree suffice where only positions are needed.
-    start = tuple(
-        OrbitMotion(orbit.coarse()) if isinstance(orbit := motion.adjustable, AdjustableOrbit) else motion
-        for motion in motions
-    )
+    start = motions_along({name: orbit.coarse() for name, orbit in orbits.items()})
     kinds = (*study.estimate.parameters, *study.consider)
     more_partials = study.consider_defaults or any(PARAMETERS[kind].more_partials for kind in kinds)
     try:
@@ -308,28 +313,18 @@ def _arc(
                 error.args = (f"{observations.origin(row)}: {error}",)
                 raise error from None
         raise
-    return predictor.with_motions(motions) if study.orbiters else predictor
+    return predictor.with_motions(motions_along(orbits)) if orbits else predictor
 
 
-def _spacecraft(
-    study: Study,
-    name: str,
-    model: PhysicalModel,
-    observations: Observations,
-    orbits: Mapping[str, AdjustableOrbit],
-) -> TargetMotion:
-    """Return the a-priori motion of a target other than a point, over its observations."""
-    orbiter = study.all_targets[name]
-    if not isinstance(orbiter, Orbiter):
-        return declared_motion(orbiter, model)
-    if name in orbits:
-        return OrbitMotion(orbits[name])
+def _orbit(study: Study, name: str, model: PhysicalModel, observations: Observations) -> AdjustableOrbit:
+    """Return the a-priori orbit of a target over its observations."""
+    orbiter = study.orbiters[name]
     assert study.estimate.orbit is not None  # the study has seen to that
     if len(study.targets) > 1:
         of_target = [name in map(canonical_target, link.targets) for link in observations.links]
         observations = observations.select(np.array(of_target, dtype=bool)[observations.link])
     orbit = orbiter.orbit(model, observations, study.estimate.orbit.parameters(orbiter.forces))
-    return OrbitMotion(orbit.reaching_below_ground() if orbiter.landing is None else orbit)
+    return orbit.reaching_below_ground() if orbiter.landing is None else orbit
 
 
 MAX_DISTANCE_FRACTION = 0.25  # largest distance from the nearest multiple, as a fraction of the modulus

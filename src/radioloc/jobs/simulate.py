@@ -12,14 +12,13 @@ from radioloc.errors import InputError
 from radioloc.jobs.one_thread import on_one_blas_thread
 from radioloc.jobs.preparation import build_model
 from radioloc.jobs.problem import considered_parameters
-from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.link import canonical_target
 from radioloc.measurements.physical_model import PhysicalModel
+from radioloc.measurements.target_motion import TargetMotion
 from radioloc.simulation import Scenario, Simulated, TruthSigma
-from radioloc.simulation.visibility import Target, tracked_target
 from radioloc.study.study import Study
 from radioloc.study.study_file import as_study
-from radioloc.targets.target import TargetDescription, declared_motion
+from radioloc.targets.target import declared_motion
 
 
 @on_one_blas_thread()
@@ -83,11 +82,11 @@ def with_true_positions(study: Study, scenario: Scenario) -> Study:
     """Return the study with its targets at their true positions and states; forces are those of the fit."""
     targets = dict(study.all_targets)
     for name, simulated in names_in_scenario(study, scenario).items():
-        record, orbiter = scenario.targets[simulated], study.orbiters.get(name)
-        if isinstance(record, LunarPosition | TargetDescription):
-            targets[name] = record
-        elif orbiter is not None:
-            targets[name] = orbiter.with_state(record.state)  # type: ignore[union-attr]
+        record = scenario.targets[simulated]
+        if name in study.orbiters:
+            targets[name] = study.orbiters[name].with_state(record.state)  # type: ignore[union-attr]
+        elif name not in study.trajectories:
+            targets[name] = record  # type: ignore[assignment]
     places = {"target": None, "targets": targets} if study.targets else {"target": targets[""]}
     return replace(study, reference=None, references=(), **places)
 
@@ -104,10 +103,10 @@ def planned_orbits(study: Study, scenario: Scenario, model: PhysicalModel) -> di
 
 def antenna_targets(
     study: Study, scenario: Scenario, model: PhysicalModel, orbits: Mapping[str, AdjustableOrbit]
-) -> dict[str, Target]:
+) -> dict[str, TargetMotion]:
     """Return the points that antennas track, by the names of targets in the observations."""
-    targets = dict[str, Target]()
+    targets = dict[str, TargetMotion]()
     for name, simulated in names_in_scenario(study, scenario).items():
         record = orbits[name].nearest() if name in orbits else study.all_targets[name]
-        targets[simulated] = tracked_target(declared_motion(record, model))  # type: ignore[arg-type]
+        targets[simulated] = declared_motion(record, model)  # type: ignore[arg-type]
     return targets

@@ -20,8 +20,9 @@ from radioloc.measurements.link import Link, canonical_target
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.registry import KINDS, MEASUREMENTS, TIME_TAGS
+from radioloc.measurements.target_motion import MotionLike, as_motion
 from radioloc.quantities import accepts_quantities, convert_fields
-from radioloc.simulation.visibility import AtInfinity, Masks, Sight, Target
+from radioloc.simulation.visibility import AtInfinity, Masks, Sight, Sighted
 from radioloc.time import Epochs, epochs_from_strings, utc_to_tai, utc_to_tt
 from radioloc.units import set_fields
 from radioloc.vectors import Indices, Mask
@@ -201,15 +202,15 @@ class Schedule:
 
     @accepts_quantities
     def plan(
-        self, model: PhysicalModel, target_pa_m: Target | Mapping[str, Target], target: str = "lander"
+        self, model: PhysicalModel, targets: MotionLike | Mapping[str, MotionLike], name: str = "lander"
     ) -> Plan:
         """Return the observations at which the target, or each of several by name, is visible.
 
         A link is measured while the target is visible from its stations, from the transmission of the first signal of
-        the measurement to the reception of its last. `target` is the name of a single one in the observations. Errors
+        the measurement to the reception of its last. `name` is that of a single one in the observations. Errors
         are those of :func:`radioloc.simulation.visibility.elevations`, and that of a schedule without visible target.
         """
-        return self.planner(model).plan(target_pa_m, target)
+        return self.planner(model).plan(targets, name)
 
     def planner(self, model: PhysicalModel) -> Planner:
         """Return the parts that consecutive plans for several targets have in common."""
@@ -227,10 +228,10 @@ class Planner:
     # By session, of first and last signals.
     sights: dict[int, tuple[Sight, Sight]] = field(default_factory=dict)
 
-    def plan(self, target_pa_m: Target | Mapping[str, Target], target: str = "lander") -> Plan:
+    def plan(self, targets: MotionLike | Mapping[str, MotionLike], name: str = "lander") -> Plan:
         """Return :meth:`Schedule.plan`."""
         sessions = self.schedule.sessions
-        cases = self._cases(target_pa_m if isinstance(target_pa_m, Mapping) else {target: target_pa_m})
+        cases = self._cases(targets if isinstance(targets, Mapping) else {name: targets})
         rows = [self._rows(*case) for case in cases]
         observations = Observations.concatenate([part for part, _, _ in rows])
         if len(observations) == 0:
@@ -246,7 +247,7 @@ class Planner:
         _refuse_overlaps(observations)
         return Plan(observations, tuple(sessions), session[order], slot[order], pair[order])
 
-    def measured(self, plan: Plan, targets: Mapping[str, Target]) -> Mask:
+    def measured(self, plan: Plan, targets: Mapping[str, MotionLike]) -> Mask:
         """Return the mask of the observations of a plan, with a target in each session, that targets allow, (n,)."""
         measured = [self._measured(number, target) for number, _, target in self._cases(targets)]
         sizes = np.array([of_session.size for of_session in measured])
@@ -254,20 +255,20 @@ class Planner:
         rows = (np.cumsum(sizes) - sizes)[plan.session] + plan.slot * widths + plan.pair
         return np.concatenate([of_session.ravel() for of_session in measured])[rows]
 
-    def _cases(self, targets: Mapping[str, Target]) -> list[tuple[int, str, Target | AtInfinity]]:
+    def _cases(self, targets: Mapping[str, MotionLike]) -> list[tuple[int, str, Sighted]]:
         """Return numbers of sessions with the names and places of what they track."""
         sessions = enumerate(self.schedule.sessions)
         return [(k, *case) for k, item in sessions for case in _tracked(item, self.model, targets)]
 
     def _rows(
-        self, number: int, target: str, target_pa_m: Target | AtInfinity
+        self, number: int, name: str, target: Sighted
     ) -> tuple[Observations, NDArray[np.int64], NDArray[np.int64]]:
         """Return the visible part of a session, with the index of the epoch and of the pair of each observation."""
         session = self.schedule.sessions[number]
-        slot, pair = np.nonzero(self._measured(number, target_pa_m))
+        slot, pair = np.nonzero(self._measured(number, target))
         part = Observations.from_columns(
             epoch=session.epochs()[slot],
-            links=[Link(*stations, session.baseline) for stations in self._ends(session, target)],
+            links=[Link(*stations, session.baseline) for stations in self._ends(session, name)],
             link=pair,
             value_m=1.0,
             sigma_m=session.sigma_m,
@@ -284,7 +285,7 @@ class Planner:
         name = self.model.catalogue.get
         return [(first and name(first).name, target, name(second).name) for first, second in session.pairs]
 
-    def _measured(self, number: int, target_pa_m: Target | AtInfinity) -> Mask:
+    def _measured(self, number: int, target: Sighted) -> Mask:
         """Return at which epochs of a session its pairs measure a target, shape (epochs, pairs)."""
         session = self.schedule.sessions[number]
         pairs = [(first or second, second) for first, _, second in self._ends(session, "")]
@@ -300,7 +301,7 @@ class Planner:
             first, last = (Sight(self.model, stations, tt.shifted(shift_s)) for shift_s in (-lead_s, lag_s))
             self.sights[number] = first, last
         first_visible, last_visible = (
-            sight.is_visible(target_pa_m, self.schedule.masks) for sight in self.sights[number]
+            sight.is_visible(target, self.schedule.masks) for sight in self.sights[number]
         )
         visible = first_visible & last_visible
         measured = visible[:, ends[:, 0]] & visible[:, ends[:, 1]]
@@ -312,8 +313,8 @@ class Planner:
 
 
 def _tracked(
-    session: Session, model: PhysicalModel, targets: Mapping[str, Target]
-) -> list[tuple[str, Target | AtInfinity]]:
+    session: Session, model: PhysicalModel, targets: Mapping[str, MotionLike]
+) -> list[tuple[str, Sighted]]:
     if session.source:
         name = canonical_target(session.source)
         if name not in model.sources:
@@ -321,7 +322,7 @@ def _tracked(
                 f"source: {session.source!r} is missing in the lists of [model] sources; add a list"
             )
         return [(name, AtInfinity(model.sources[name]))]
-    places = {canonical_target(name): (name, place) for name, place in targets.items()}
+    places = {canonical_target(name): (name, as_motion(item, model)) for name, item in targets.items()}
     for name in session.targets:
         if canonical_target(name) not in places:
             raise InputError(f"session targets: expected names of {', '.join(targets)}, got {name!r}")

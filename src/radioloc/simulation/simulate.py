@@ -4,21 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
 from radioloc.dynamics import AdjustableOrbit
 from radioloc.ephemeris.trajectory import SpacecraftTrajectory
 from radioloc.errors import InputError
-from radioloc.lunar import rot_pa_to_me
-from radioloc.lunar.local import rot_pa_to_enu
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.evaluation import prepare_predictor
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.predictor import Prediction, Predictor, blocks, reasons
 from radioloc.measurements.registry import KINDS
+from radioloc.measurements.target_motion import TargetMotion, TrajectoryMotion
 from radioloc.parameters.choice import ParameterChoice
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.simulation.noise import NoiseModel, generator, require_seed
@@ -32,9 +31,8 @@ from radioloc.simulation.truth import (
     drawn_errors,
     fixed_errors,
 )
-from radioloc.simulation.visibility import tracked_target
 from radioloc.targets.design import effects_on_orbit
-from radioloc.targets.target import TargetDescription
+from radioloc.targets.target import TargetDescription, declared_motion
 from radioloc.time import Epochs, tai_to_utc, utc_strings, utc_to_tai
 from radioloc.vectors import Floats, Mask
 
@@ -151,12 +149,9 @@ class World:
         )
 
 
+@runtime_checkable
 class StateAndForces(Protocol):
     """Orbit to be integrated over the sessions, such as :class:`~radioloc.study.orbiter.Orbiter`."""
-
-    @property
-    def state(self) -> Floats:
-        """Position, m, and velocity, m/s, relative to the Moon's centre, ICRF axes, shape (6,)."""
 
     def orbit_spanning(
         self, model: PhysicalModel, utc: Epochs, count_s: float, parameters: tuple[str, ...] = ()
@@ -212,16 +207,15 @@ class Scenario:
         The errors that a fit considers, `considered`, are drawn unless the scenario states some of their kind.
         """
         targets = tuple(self._target(name, record, model) for name, record in self.targets.items())
-        antenna_targets = {item.name: tracked_target(item.motion) for item in targets}
-        plan = self.schedule.plan(model, antenna_targets)
+        motions = {item.name: item.motion for item in targets}
+        plan = self.schedule.plan(model, motions)
         kinds = (*self.truth.values, *self.truth_sigma.sigmas)
         drawing = considered if self.truth_sigma.considered else None
-        motions = [item.motion for item in targets]
         predictor = prepare_predictor(
             self.truth.model(model),
             plan.observations,
-            motions,
-            targets=tuple(antenna_targets) if len(targets) > 1 else (),
+            list(motions.values()),
+            targets=tuple(motions) if len(targets) > 1 else (),
             more_partials=drawing is not None or any(PARAMETERS[name].more_partials for name in kinds),
         )
         prediction = predictor.predict()
@@ -246,20 +240,15 @@ class Scenario:
 
     def _target(self, name: str, record: TargetRecord, model: PhysicalModel) -> TrueTarget:
         """Return a target at its true position, or on its true trajectory, with the drawn errors of gravity."""
-        position_name = f"position.{name}" if len(self.targets) > 1 else "position"
-        if isinstance(record, LunarPosition):
-            position_pa_m = record.to_axes("PA", model.ephemeris.constants).xyz_m
-            enu_pa = rot_pa_to_enu(position_pa_m, rot_pa_to_me(model.ephemeris.constants))
-            return TrueTarget(name, position_pa_m, enu_pa, position_name=position_name)
-        if isinstance(record, SpacecraftTrajectory):
-            return TrueTarget(name, np.zeros(3), np.eye(3), record, position_name=position_name)
-        if isinstance(record, TargetDescription):
-            return TrueTarget.described(name, record, model, len(self.targets) > 1)
+        several = len(self.targets) > 1
+        if not isinstance(record, StateAndForces):
+            return TrueTarget.declared(name, record, model, several)
         orbit = self.orbit(model, record)
         random = generator(self.seed, GRAVITY_ERROR)
         disturbed = record.with_gravity_errors(orbit, self.truth_sigma.gravity_errors, random)
-        trajectory = orbit.nearest()
-        return TrueTarget(name, np.zeros(3), np.eye(3), trajectory, disturbed, position_name=position_name)
+        return replace(
+            TrueTarget.declared(name, orbit.nearest(), model, several), with_gravity_errors=disturbed
+        )
 
     def orbit(
         self, model: PhysicalModel, target: StateAndForces, parameters: tuple[str, ...] = ()
@@ -267,6 +256,13 @@ class Scenario:
         """Return an orbit over the sessions, with partials with respect to some parameters of its forces."""
         counts_s = np.nan_to_num([session.count_s for session in self.schedule.sessions])
         return target.orbit_spanning(model, self.schedule.span(), float(counts_s.max()), parameters)
+
+
+def spanning_motion(record: TargetRecord, model: PhysicalModel, utc: Epochs) -> TargetMotion:
+    """Return the motion of a target, integrated over a span of UTC from a state."""
+    if isinstance(record, StateAndForces):
+        return TrajectoryMotion(record.orbit_spanning(model, utc, 0.0).nearest())
+    return declared_motion(record, model)
 
 
 def simulate(

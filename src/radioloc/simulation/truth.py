@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable, Mapping, Sequence
-from copy import copy
 from dataclasses import dataclass, replace
 from typing import Any, Self
 
@@ -21,7 +20,13 @@ from radioloc.lunar import rot_pa_to_me
 from radioloc.lunar.local import EAST_NORTH_UP, rot_pa_to_enu
 from radioloc.measurements.physical_model import PhysicalModel, active_terms
 from radioloc.measurements.predictor import Prediction, Predictor, blocks
-from radioloc.measurements.target_motion import FixedPoint, TargetMotion, TrajectoryMotion
+from radioloc.measurements.target_motion import (
+    FixedPoint,
+    MotionLike,
+    TargetMotion,
+    TrajectoryMotion,
+    as_motion,
+)
 from radioloc.parameters.choice import ParameterChoice, chosen_parameters
 from radioloc.parameters.kind import Scope
 from radioloc.parameters.parameter import Parameter, Role
@@ -128,12 +133,6 @@ class TruthSigma:
             clock_epoch_utc=clock_epoch_utc,
         )
 
-    def without_considered(self) -> TruthSigma:
-        """Return the standard deviations that are stated here alone, without errors that a fit considers."""
-        stated = copy(self)
-        set_fields(stated, considered=False)
-        return stated
-
     @property
     def keys(self) -> tuple[str, ...]:
         """Keys of the errors that are stated here."""
@@ -190,14 +189,22 @@ class TrueTarget:
     values: Floats | None = None  # true parameters of a target of a registered kind
 
     @classmethod
-    def described(cls, name: str, record: TargetDescription, model: PhysicalModel, several: bool) -> Self:
-        """Return a target of a registered kind at its a-priori parameters."""
-        target = record.target(name * several, model)
-        values = np.array([item.prior_value for item in target.parameters])
-        position_pa_m, enu_pa = target.position(values)[0], np.eye(3)
-        if target.has_place:
-            enu_pa = rot_pa_to_enu(position_pa_m, rot_pa_to_me(model.ephemeris.constants))
-        return cls(name, position_pa_m, enu_pa, target.start.trajectory, values=values)
+    def declared(
+        cls, name: str, record: MotionLike | TargetDescription, model: PhysicalModel, several: bool
+    ) -> Self:
+        """Return a target at a position, on a trajectory, or of a registered kind at its a-priori parameters."""
+        values = None
+        if isinstance(record, TargetDescription):
+            target = record.target(name * several, model)
+            values = np.array([item.prior_value for item in target.parameters])
+            motion, position_pa_m, has_place = target.start, target.position(values)[0], target.has_place
+        else:
+            motion = as_motion(record, model)
+            position_pa_m, has_place = motion.position_pa_m, motion.trajectory is None
+        rot = rot_pa_to_me(model.ephemeris.constants)
+        enu_pa = rot_pa_to_enu(position_pa_m, rot) if has_place else np.eye(3)
+        position_name = f"position.{name}" if several else "position"
+        return cls(name, position_pa_m, enu_pa, motion.trajectory, position_name=position_name, values=values)
 
     @property
     def motion(self) -> TargetMotion:

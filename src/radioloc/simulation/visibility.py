@@ -9,16 +9,16 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 import numpy as np
 
 from radioloc.constants import C_M_S, MEAN_LUNAR_RADIUS_M, SECONDS_PER_DAY
 from radioloc.earth.geodesy import rot_itrf_to_enu
-from radioloc.ephemeris.trajectory import SpacecraftTrajectory
 from radioloc.errors import InputError
 from radioloc.lunar import rot_icrf_to_pa
 from radioloc.measurements.physical_model import PhysicalModel
-from radioloc.measurements.target_motion import TargetMotion
+from radioloc.measurements.target_motion import MotionLike, TargetMotion, as_motion
 from radioloc.quantities import DateLike, EpochsLike, accepts_quantities, convert_fields
 from radioloc.time import (
     Epochs,
@@ -37,10 +37,11 @@ class AtInfinity:
     """Quasar, for which only the stations' horizons count."""
 
     direction: Floats  # ICRS, unit vector, shape (3,); 20 arcseconds of aberration are neglected
+    trajectory: ClassVar[None] = None
 
 
-Target = Floats | SpacecraftTrajectory
-"""Principal-axes position of a point on the Moon, shape (3,), m; or the trajectory of a spacecraft."""
+Sighted = TargetMotion | AtInfinity
+"""Motion of a target, or a quasar."""
 
 _COARSE_STEP_S = 60.0  # First step of dense series
 _MAX_ELEVATION_RATE_RAD_S = 9e-5
@@ -92,7 +93,7 @@ class Elevations:
 
 @accepts_quantities
 def elevations(
-    model: PhysicalModel, target_pa_m: Target | AtInfinity, stations: Sequence[str], tt: EpochsLike
+    model: PhysicalModel, target: MotionLike, stations: Sequence[str], tt: EpochsLike
 ) -> Elevations:
     """Compute elevations of the target and of the stations above each other's horizons.
 
@@ -100,9 +101,8 @@ def elevations(
     ----------
     model : PhysicalModel
         Positions of Earth, Moon and stations; its terms (tides, media) have no effect.
-    target_pa_m : ndarray, shape (3,), SpacecraftTrajectory or AtInfinity
-        Point in principal axes, m; or a spacecraft, whose horizon is the Moon's limb, the sphere of 1737.4 km; or a
-        quasar, which has no horizon.
+    target : LunarPosition, SpacecraftTrajectory or TargetMotion
+        Point on the Moon; or a spacecraft, whose horizon is the Moon's limb, the sphere of 1737.4 km.
     stations : sequence of str
         Names or aliases.
     tt : Epochs
@@ -110,6 +110,8 @@ def elevations(
 
     Raises
     ------
+    InputError
+        The target is an array, whose axes are unknown: give a position, or ``FixedPoint(position_pa_m)``.
     StationError
         A station is not in the catalogue.
     CoverageError
@@ -123,11 +125,11 @@ def elevations(
     >>> lander = radioloc.LunarPosition.from_selenographic(-51.9162, 43.0584, -2550.4)
     >>> from radioloc.time import epochs_from_strings
     >>> tt = epochs_from_strings("2020-12-01T18:00:00", "TT")
-    >>> angles = elevations(PhysicalModel.build(), lander.to_frame("PA_DE421").xyz_m, ["KASHI"], tt)
+    >>> angles = elevations(PhysicalModel.build(), lander, ["KASHI"], tt)
     >>> angles.at_station_rad.round(3).tolist()
     [[1.087]]
     """
-    return StationFrames.at_epochs(model, stations, tt).elevations(target_pa_m)
+    return StationFrames.at_epochs(model, stations, tt).elevations(as_motion(target, model))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -159,16 +161,16 @@ class StationFrames:
             rot_icrf_to_pa(model.libration.angles(tdb.shifted(-light_time_s))[0]),
         )
 
-    def elevations(self, target_pa_m: Target | AtInfinity) -> Elevations:
+    def elevations(self, target: Sighted) -> Elevations:
         """Compute elevations of a target and of the stations above each other's horizons."""
         shape = (len(self.moon_m), len(self.names))
         at_station, at_target = np.empty(shape), np.full(shape, 0.5 * np.pi)
-        if isinstance(target_pa_m, AtInfinity):
-            towards = np.broadcast_to(target_pa_m.direction, (len(self.moon_m), 3))
+        if isinstance(target, AtInfinity):
+            towards = np.broadcast_to(target.direction, (len(self.moon_m), 3))
             for k, vertical in enumerate(self.verticals):
                 at_station[:, k] = _elevation_rad(towards, vertical)
             return Elevations(self.names, at_station, at_target)
-        target_gcrs_m, from_moon_m, dip_rad = self._target(target_pa_m)
+        target_gcrs_m, from_moon_m, dip_rad = self._target(target)
         moon_distance_m = np.linalg.norm(from_moon_m, axis=-1)
         target_up = from_moon_m / moon_distance_m[:, None]
         for k, (position_m, vertical) in enumerate(zip(self.positions_m, self.verticals, strict=True)):
@@ -181,28 +183,19 @@ class StationFrames:
             )
         return Elevations(self.names, at_station, at_target)
 
-    def _target(self, target_pa_m: Target) -> tuple[Floats, Floats, Floats | float]:
+    def _target(self, target: TargetMotion) -> tuple[Floats, Floats, Floats | float]:
         """Return the target one light time earlier from geocentre and Moon, GCRS, m, and its horizon's dip, rad."""
-        if not isinstance(target_pa_m, SpacecraftTrajectory):
-            from_moon_m = np.einsum("nji,j->ni", self.rot_icrf_to_pa, target_pa_m)
+        trajectory = target.trajectory
+        if trajectory is None:
+            from_moon_m = np.einsum("nji,j->ni", self.rot_icrf_to_pa, target.position_pa_m)
             return self.moon_m + from_moon_m, from_moon_m, 0.0
         ephemeris, tdb = self.model.ephemeris, self.tdb
-        distance_m = np.linalg.norm(target_pa_m.geocentric(ephemeris, tdb)[0], axis=-1)
+        distance_m = np.linalg.norm(trajectory.geocentric(ephemeris, tdb)[0], axis=-1)
         departure = tdb.shifted(-distance_m / C_M_S)
-        target_gcrs_m, _ = target_pa_m.geocentric(ephemeris, departure)
+        target_gcrs_m, _ = trajectory.geocentric(ephemeris, departure)
         from_moon_m = target_gcrs_m - ephemeris.geocentric("moon", departure)[0]
         ratio = MEAN_LUNAR_RADIUS_M / np.linalg.norm(from_moon_m, axis=-1)
         return target_gcrs_m, from_moon_m, np.arccos(np.minimum(ratio, 1.0))
-
-
-def tracked_target(motion: TargetMotion) -> Target:
-    """Return the tracked target: the position of a point on the Moon, or a trajectory."""
-    return motion.position_pa_m if motion.trajectory is None else motion.trajectory
-
-
-def _flies(target: Target | AtInfinity) -> bool:
-    """Return True for a spacecraft on a trajectory."""
-    return isinstance(target, SpacecraftTrajectory)
 
 
 def _elevation_rad(away_m: Floats, up: Floats) -> Floats:
@@ -217,7 +210,7 @@ class Sight:
         self._model, self._stations, self._tt = model, stations, tt
         self._frames: dict[int, list[StationFrames]] = {}
 
-    def is_visible(self, target_pa_m: Target | AtInfinity, masks: Masks) -> Mask:
+    def is_visible(self, target: Sighted, masks: Masks) -> Mask:
         """Return True for visible stations and target above the masks, shape (n, k)."""
         # Dense series are first computed once a minute. The sign cannot change between two margins a and b of one sign
         # if |a| + |b| exceeds the largest change in that time; otherwise all epochs between are computed. The
@@ -225,11 +218,11 @@ class Sight:
         tt = self._tt
         n, stride = len(tt), 1
         length_s = float(tt[-1].seconds_since(tt[0])[0]) if n else 0.0
-        if length_s > 0.0 and not _flies(target_pa_m):
+        if length_s > 0.0 and target.trajectory is None:
             stride = max(1, int(_COARSE_STEP_S * (n - 1) / length_s))
 
         def margin_rad(frames: Iterable[StationFrames]) -> Floats:
-            return np.concatenate([part.elevations(target_pa_m).margin_rad(masks) for part in frames])
+            return np.concatenate([part.elevations(target).margin_rad(masks) for part in frames])
 
         coarse = np.unique(np.append(np.arange(0, n, stride), n - 1)) if n else np.arange(0)
         if stride not in self._frames:
@@ -267,7 +260,7 @@ class Window:
 @accepts_quantities
 def windows(
     model: PhysicalModel,
-    target_pa_m: Target,
+    target: MotionLike,
     stations: Sequence[str],
     start_utc: DateLike,
     stop_utc: DateLike,
@@ -279,7 +272,7 @@ def windows(
 
     Parameters
     ----------
-    model, target_pa_m
+    model, target
         As in :func:`elevations`, with its errors.
     stations : sequence of str
         Names or aliases, at least one.
@@ -294,11 +287,10 @@ def windows(
     >>> from radioloc.measurements import PhysicalModel
     >>> from radioloc.simulation import windows
     >>> lander = radioloc.LunarPosition.from_selenographic(-51.9162, 43.0584, -2550.4)
-    >>> pa_m = lander.to_frame("PA_DE421").xyz_m
-    >>> windows(PhysicalModel.build(), pa_m, ["KASHI", "JIAMUSI"], "2020-12-01T15:00:00", "2020-12-02T03:00:00")
+    >>> windows(PhysicalModel.build(), lander, ["KASHI", "JIAMUSI"], "2020-12-01T15:00:00", "2020-12-02T03:00:00")
     [Window(start_utc='2020-12-01T15:00:00', stop_utc='2020-12-01T23:02:30', rises=False, sets=True)]
     """
-    masks = masks or Masks()
+    masks, motion = masks or Masks(), as_motion(target, model)
     if not stations:
         raise InputError("stations: expected at least one, got none")
     limits = utc_to_tai(epochs_from_strings([start_utc, stop_utc], "UTC"))
@@ -308,9 +300,9 @@ def windows(
 
     def margin_rad(offset_s: Floats) -> Floats:
         tt = tai_to_tt(limits[:1].shifted(offset_s))
-        return elevations(model, target_pa_m, stations, tt).margin_rad(masks).min(axis=-1)
+        return elevations(model, motion, stations, tt).margin_rad(masks).min(axis=-1)
 
-    step_s = _ORBIT_SEARCH_STEP_S if _flies(target_pa_m) else _SEARCH_STEP_S
+    step_s = _SEARCH_STEP_S if motion.trajectory is None else _ORBIT_SEARCH_STEP_S
     grid_s = np.linspace(0.0, length_s, max(2, int(np.ceil(length_s / step_s)) + 1))
     visible = margin_rad(grid_s) >= 0.0
     changes = np.flatnonzero(visible[1:] != visible[:-1])

@@ -399,7 +399,7 @@ class Study:
                 raise InputError(f"{key}: expected one position, but [targets] gives several; leave it out")
 
     def _require_simulated(self) -> None:
-        """Refuse a simulation of other targets than those of the study."""
+        """Refuse a simulation of other targets than those of the study, and errors that none of them has."""
         if self.simulation is None:
             return
         simulated = [canonical_target(name) for name in self.simulation.targets]
@@ -410,6 +410,17 @@ class Study:
                 f"[simulation]: expected the targets of the study ({', '.join(self.targets) or 'one'}), "
                 f"got {', '.join(simulated)}"
             )
+        sigma, orbiter_count = self.simulation.truth_sigma, len(self.orbiters)
+        unused = {
+            "position_enu_m": (
+                any(sigma.position_enu_m) and orbiter_count == len(simulated),
+                "a place on the Moon",
+            ),
+            "gravity_errors": (sigma.gravity_errors and not orbiter_count, "an orbiter"),
+        }
+        for key, (is_unused, kind) in unused.items():
+            if is_unused:
+                raise InputError(f"[simulation.truth_sigma] {key} belongs to {kind}; leave it out")
 
     def _require_states(self, choice: OrbitChoice) -> None:
         """Refuse keys of the state if all targets land: their parameters are place and velocity of the touchdown."""

@@ -24,7 +24,6 @@ from radioloc.simulation.simulate import TargetRecord
 from radioloc.study.map_positions import PlaceOnMap
 from radioloc.study.observation_choice import ObservationChoice, Uplink, Weight
 from radioloc.study.orbit_choice import ForcesChoice, OrbitChoice, ProcessNoise, SegmentedAcceleration
-from radioloc.study.orbiter import Orbiter
 from radioloc.study.schema import (
     STUDY_TABLES,
     Hints,
@@ -49,13 +48,11 @@ from radioloc.study.target_file import (
     Place,
     Target,
     named_positions,
-    position_of,
     read_forces,
     read_target,
     reference_of,
-    true_orbiter,
+    true_target,
 )
-from radioloc.targets.target import TargetDescription
 
 _MAX_PLATE_SPEED_M_YR = 1.0  # Plates move by up to 0.1 m a year; more is another unit
 _MAX_ALIAS_DISTANCE_KM = 10.0  # Beyond, a station with an alias of the catalogue is a different one
@@ -274,49 +271,16 @@ def _simulation(
     records: TargetRecord | dict[str, TargetRecord]
     if len(targets) == 1:
         [target] = targets.values()
-        records = _true_target(table, target, forces)
+        records = true_target(target, table, forces)
     else:
         changes = table.table("targets")
         records = {canonical_target(name): target for name, target in targets.items()}
         for name, change in ({} if changes is None else changes.named()).items():
             if name not in targets:
                 table.fail(f"targets.{name}", f"expected one of [targets], {', '.join(targets)}")
-            records[canonical_target(name)] = _true_target(change, targets[name], forces)
+            records[canonical_target(name)] = true_target(targets[name], change, forces)
             change.finish()
-    planned = scenario(table, records, catalogue)
-    orbiter_count = sum(isinstance(target, Orbiter) for target in targets.values())
-    unused = {
-        "position_enu_m": any(planned.truth_sigma.position_enu_m) and orbiter_count == len(targets),
-        "gravity_errors": bool(planned.truth_sigma.gravity_errors) and not orbiter_count,
-    }
-    for key in filter(unused.get, unused):
-        kind = "an orbiter" if key == "gravity_errors" else "a place on the Moon"
-        raise InputError(f"{table.path}: [simulation.truth_sigma] {key} belongs to {kind}; leave it out")
-    return planned
-
-
-def _true_target(table: TomlTable, target: AnyTarget, forces: Mapping[str, Any]) -> AnyTarget:
-    """Return the a-priori target with the true position, state and forces of a table."""
-    if isinstance(target, TargetDescription):
-        return target if (changes := table.table("position")) is None else changes.replaced(target)
-    orbiter = target if isinstance(target, Orbiter) else None
-    orbits, lands = orbiter is not None, orbiter is not None and orbiter.landing is not None
-    for key in ("state",) if lands else ("position",) if orbits else ("state", "forces"):
-        if key in table:
-            kind, instead = (
-                ("a place", "state") if orbits else ('a target with dynamics = "moon"', "position")
-            )
-            if lands:
-                kind, instead = "a target that does not land", "position"
-            table.fail(key, f"belongs to {kind} on the Moon; use [{table.name}.{instead}]")
-    position, state, acting = (table.table(key) for key in ("position", "state", "forces"))
-    if orbiter is None:
-        return target if position is None else position_of(position, position.read(Place))
-    truth = true_orbiter(orbiter, state, acting, forces)
-    if position is None or truth.landing is None:
-        return truth
-    place = position_of(position, position.read(Place))
-    return replace(truth, landing=replace(truth.landing, place=place))
+    return scenario(table, records, catalogue)
 
 
 def _observations(table: TomlTable, may_be_missing: bool) -> ObservationChoice:

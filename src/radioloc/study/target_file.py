@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import partial, singledispatch
 from pathlib import Path
 from typing import Any
 
@@ -15,8 +15,8 @@ from radioloc.lunar.position import LunarPosition
 from radioloc.study.orbit_choice import ForcesChoice
 from radioloc.study.orbiter import AXES, Landing, Orbiter, RoughOrbit
 from radioloc.study.schema import TomlTable, check, entry, keys_of
-from radioloc.study.study import ModelChoice, Reference
-from radioloc.targets.target import TARGET_KINDS, TargetDescription
+from radioloc.study.study import AnyTarget, ModelChoice, Reference
+from radioloc.targets.target import TARGET_KINDS
 from radioloc.time import epochs_from_strings
 
 _FIT_KEYS = ("empirical", "gravity_errors", "gravity_error_degree")
@@ -72,7 +72,7 @@ class LandingKeys(Place):
 
 def read_target(
     table: TomlTable, forces: tuple[ForcesChoice, Forces] | None, model: ModelChoice
-) -> LunarPosition | Trajectory | Orbiter | TargetDescription:
+) -> AnyTarget:
     """Read a position, a trajectory, an orbiter, or a target of a registered kind."""
     if "kind" in table:
         kind, _ = table.need("kind", str), table.get("name", str)
@@ -207,10 +207,27 @@ def position_of(table: TomlTable, place: Place) -> LunarPosition:
     return table.build(LunarPosition.from_selenographic, **geographic, frame=place.frame)
 
 
-def true_orbiter(
-    target: Orbiter, state: TomlTable | None, acting: TomlTable | None, forces: Mapping[str, Any]
-) -> Orbiter:
-    """Return the a-priori orbiter with the state, and each key of the forces, that the simulation gives."""
+@singledispatch
+def true_target(target: Any, table: TomlTable, forces: Mapping[str, Any]) -> AnyTarget:
+    """Return the a-priori target with the true position, state and forces of a table; here of a registered kind."""
+    return target if (changes := table.table("position")) is None else changes.replaced(target)
+
+
+@true_target.register
+def _(target: LunarPosition | Trajectory, table: TomlTable, forces: Mapping[str, Any]) -> AnyTarget:
+    for key in ("state", "forces"):
+        _refuse(table, key, 'a target with dynamics = "moon"', "position")
+    position = table.table("position")
+    return target if position is None else position_of(position, position.read(Place))
+
+
+@true_target.register
+def _(target: Orbiter, table: TomlTable, forces: Mapping[str, Any]) -> AnyTarget:
+    if target.landing is None:
+        _refuse(table, "position", "a place", "state")
+    else:
+        _refuse(table, "state", "a target that does not land", "position")
+    position, state, acting = (table.table(key) for key in ("position", "state", "forces"))
     changes: dict[str, Any] = {}
     if state is not None:
         changes = {key: state.get(key, tuple[float, float, float]) for key in _CARTESIAN}
@@ -222,4 +239,12 @@ def true_orbiter(
             if key in acting:
                 acting.fail(key, "belongs to the fit, [forces]; leave it out")
         changes["forces"] = read_forces(acting.with_defaults(forces))[1]
+    if target.landing is not None and position is not None:
+        changes["landing"] = replace(target.landing, place=position_of(position, position.read(Place)))
     return replace(target, **{key: value for key, value in changes.items() if value is not None})
+
+
+def _refuse(table: TomlTable, key: str, kind: str, instead: str) -> None:
+    """Refuse a key of another kind of target."""
+    if key in table:
+        table.fail(key, f"belongs to {kind} on the Moon; use [{table.name}.{instead}]")

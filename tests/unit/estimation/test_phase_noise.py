@@ -15,7 +15,7 @@ from radioloc.estimation.time_correlation import fit_with_correlated_weights
 from radioloc.estimation.variance_components import fit_with_variance_components
 from radioloc.jobs.preparation import prepared_arc
 from radioloc.jobs.station_noise import stated_noise
-from radioloc.measurements import PhysicalModel
+from radioloc.measurements import FixedPoint, PhysicalModel
 from radioloc.noise import ALONE, DopplerPhase, ObservationCovariance, White
 from radioloc.simulation import Noise, NoiseModel, Scenario, Schedule, Session, Truth, two_way
 from radioloc.study import EstimateChoice, ObservationChoice
@@ -86,7 +86,7 @@ def session(step_s, count_s):
 
 @pytest.mark.parametrize(("count_s", "lag"), [(60.0, 1), (120.0, 2), (50.0, 0)])
 def test_drawn_counts_share_the_phase_between_them(count_s, lag):
-    plan = Schedule([session(60.0, count_s)]).plan(PhysicalModel.build(), LANDER_PA_M)
+    plan = Schedule([session(60.0, count_s)]).plan(PhysicalModel.build(), FixedPoint(LANDER_PA_M))
     model = NoiseModel({"doppler": Noise(phase_m=PHASE_M)})
     errors_m = np.array([model.draw(plan, seed)[0] for seed in range(150)])
     n = len(plan.observations)

@@ -57,7 +57,7 @@ def test_noise_of_a_schedule_has_the_covariance_that_is_drawn():
     )
     model = PhysicalModel.build(off=["ionosphere"])
     study = study_of(noise, stations=("JIAMUSI", "KASHI"), vlbi=VLBI[:3], step_s=10800.0)
-    plan = study.simulation.schedule.plan(model, LANDER.to_axes("PA", model.ephemeris.constants).xyz_m)
+    plan = study.simulation.schedule.plan(model, LANDER)
     expected = dense(noise.covariance(plan))
     drawn_m, _ = NoiseDraws.from_plan(noise, plan).draw(range(4000))
     sigma_m = np.sqrt(np.diag(expected))

@@ -25,9 +25,8 @@ def plan():
 
 def elevation_deg(study, station, utc):
     model = build_model(study)
-    lander_pa_m = study.simulation.position.to_axes("PA", model.ephemeris.constants).xyz_m
     tt = utc_to_tt(epochs_from_strings(utc, "UTC"))
-    return np.degrees(elevations(model, lander_pa_m, [station], tt).at_station_rad[:, 0])
+    return np.degrees(elevations(model, study.simulation.position, [station], tt).at_station_rad[:, 0])
 
 
 @pytest.mark.study

@@ -20,8 +20,8 @@ NOISE = NoiseModel(
 )
 
 
-def by_row(schedule, model, lander_pa_m, seed=7, noise=NOISE):
-    plan = schedule.plan(model, lander_pa_m)
+def by_row(schedule, model, lander, seed=7, noise=NOISE):
+    plan = schedule.plan(model, lander)
     noise_m, outliers = noise.draw(plan, seed)
     keys = zip(plan.observations.paths().tolist(), plan.observations.epoch.mjd.round(6).tolist(), strict=True)
     return dict(zip(keys, zip(noise_m.tolist(), outliers.tolist(), strict=True), strict=True))
@@ -35,17 +35,17 @@ def delays(*stations):
     return Session("vlbi_delay", baselines(*stations), START, STOP, 300.0, 1.0)
 
 
-def test_noise_of_a_link_is_independent_of_other_sessions_masks_and_aliases(model, lander_pa_m):
-    subset = by_row(Schedule([ranges("KASHI"), delays(*VLBI[:2])]), model, lander_pa_m)
-    superset = by_row(Schedule([delays(*VLBI), ranges("JIAMUSI", "KASHI")]), model, lander_pa_m)
+def test_noise_of_a_link_is_independent_of_other_sessions_masks_and_aliases(model, lander):
+    subset = by_row(Schedule([ranges("KASHI"), delays(*VLBI[:2])]), model, lander)
+    superset = by_row(Schedule([delays(*VLBI), ranges("JIAMUSI", "KASHI")]), model, lander)
     assert len(subset) > 100
     assert subset.items() < superset.items()
-    high = by_row(Schedule([ranges("KS"), delays(*VLBI[:2])], Masks(50.0)), model, lander_pa_m)
+    high = by_row(Schedule([ranges("KS"), delays(*VLBI[:2])], Masks(50.0)), model, lander)
     assert high.items() < subset.items()
 
 
-def test_station_noise_closes_around_triangles_and_thermal_noise_does_not(model, lander_pa_m):
-    plan = Schedule([delays(*VLBI)]).plan(model, lander_pa_m)
+def test_station_noise_closes_around_triangles_and_thermal_noise_does_not(model, lander):
+    plan = Schedule([delays(*VLBI)]).plan(model, lander)
     paths = plan.observations.paths()
 
     def closure_m(noise):
@@ -125,7 +125,7 @@ def test_invalid_noise_is_refused(fields, words):
         Noise(**fields)
 
 
-def test_noise_of_a_seed_is_independent_of_other_seeds(lander_pa_m, model):
+def test_noise_of_a_seed_is_independent_of_other_seeds(lander, model):
     start, stop = "2020-12-01T15:11", "2020-12-03T15:10"
     plan = Schedule(
         [
@@ -133,7 +133,7 @@ def test_noise_of_a_seed_is_independent_of_other_seeds(lander_pa_m, model):
             Session("vlbi_delay", baselines("SESHAN25", "URUMQI"), start, stop, 7200.0, 0.5),
             Session("doppler", two_way("NEUQUEN"), start, stop, 7200.0, 0.01, count_s=60.0),
         ]
-    ).plan(model, lander_pa_m)
+    ).plan(model, lander)
     noise = NoiseModel(
         {"range": Noise(1.0, 2.0, 9000.0, 0.01, 0.1, 50.0), "doppler": Noise(white_m=0.01)},
         vlbi_station=Noise(white_m=0.1, coloured_m=0.2, correlation_s=3600.0),

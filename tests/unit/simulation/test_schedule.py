@@ -27,10 +27,10 @@ def test_epochs_are_the_nearest_floats_of_the_dates():
     ]
 
 
-def test_all_epochs_above_the_masks_are_measured(model, lander_pa_m, compute):
+def test_all_epochs_above_the_masks_are_measured(model, lander, lander_pa_m, compute):
     masks = Masks(10.0, by_station_deg={"NEUQUEN": 20.0})
     session = Session("range", two_way(*RANGERS), START, STOP, 60.0, 1.0)
-    observations = Schedule([session], masks).plan(model, lander_pa_m).observations
+    observations = Schedule([session], masks).plan(model, lander).observations
     by_model = compute(model, observations, lander_pa_m)
     assert by_model.usable.all()
     for name in RANGERS:
@@ -39,24 +39,24 @@ def test_all_epochs_above_the_masks_are_measured(model, lander_pa_m, compute):
         assert np.degrees(by_model.elevation_rad[rows]).min() > masks.for_station(name) - 1e-3
         visible_s = sum(
             60.0 * len(Session("range", two_way(name), w.start_utc, w.stop_utc, 60.0, 1.0).epochs())
-            for w in windows(model, lander_pa_m, [name], START, STOP, masks)
+            for w in windows(model, lander, [name], START, STOP, masks)
         )
         # Up to one epoch at each rise and set.
         assert abs(60.0 * rows.sum() - visible_s) <= 60.0 * 6
 
 
-def test_mask_at_the_target_removes_epochs(model, lander_pa_m):
+def test_mask_at_the_target_removes_epochs(model, lander):
     session = Session("range", two_way("KASHI"), START, STOP, 600.0, 1.0)
-    unmasked = Schedule([session]).plan(model, lander_pa_m).observations
-    at_target = elevations(model, lander_pa_m, ["KASHI"], utc_to_tt(unmasked.epoch)).at_target_rad
+    unmasked = Schedule([session]).plan(model, lander).observations
+    at_target = elevations(model, lander, ["KASHI"], utc_to_tt(unmasked.epoch)).at_target_rad
     middle_deg = float(np.degrees(np.median(at_target)))
-    masked = Schedule([session], Masks(target_deg=middle_deg)).plan(model, lander_pa_m).observations
+    masked = Schedule([session], Masks(target_deg=middle_deg)).plan(model, lander).observations
     assert 0.4 < len(masked) / len(unmasked) < 0.6
 
 
-def test_one_station_transmits_at_a_time(model, lander_pa_m):
+def test_one_station_transmits_at_a_time(model, lander):
     session = Session("range", all_ranges(*RANGERS), START, STOP, 60.0, 1.0, one_uplink=True)
-    observations = Schedule([session], Masks(5.0)).plan(model, lander_pa_m).observations
+    observations = Schedule([session], Masks(5.0)).plan(model, lander).observations
     keys = np.round(observations.epoch.mjd * 1440.0).astype(int)
     senders = np.array([RANGERS.index(link.transmitter) for link in observations.links])[observations.link]
     for key in np.unique(keys):
@@ -64,7 +64,7 @@ def test_one_station_transmits_at_a_time(model, lander_pa_m):
     assert set(senders.tolist()) == {0, 1, 2}
     # The second station transmits only while the target is below the mask of the first.
     first = Schedule([Session("range", two_way("JIAMUSI"), START, STOP, 60.0, 1.0)], Masks(5.0))
-    minutes = np.round(first.plan(model, lander_pa_m).observations.epoch.mjd * 1440.0).astype(int)
+    minutes = np.round(first.plan(model, lander).observations.epoch.mjd * 1440.0).astype(int)
     assert set(minutes.tolist()) == set(keys[senders == 0].tolist())
     assert {"JIAMUSI>lander>KASHI", "KASHI>lander>NEUQUEN"} < set(observations.paths().tolist())
 

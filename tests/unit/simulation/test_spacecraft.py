@@ -7,7 +7,7 @@ from spk_files import ORBITER, lander, low_lunar_orbit, tracking, write_states
 
 import radioloc
 from radioloc.ephemeris import Trajectory
-from radioloc.measurements.exact_predictor import ExactPredictor
+from radioloc.measurements import ExactPredictor, FixedPoint
 from radioloc.measurements.predictor import reasons
 from radioloc.simulation import Masks, elevations, windows
 from radioloc.time import tai_to_tt
@@ -35,7 +35,7 @@ def test_a_lander_as_a_spacecraft_has_the_same_elevations(model, tmp_path):
     tt = tai_to_tt(epochs_tai(20, 30.0))
     fixed, moving = (
         elevations(model, target, ["KASHI", "JIAMUSI"], tt)
-        for target in (APOLLO15_PA_M, Trajectory.open(path, ORBITER))
+        for target in (FixedPoint(APOLLO15_PA_M), Trajectory.open(path, ORBITER))
     )
     assert np.abs(fixed.at_station_rad - moving.at_station_rad).max() < SAME_RAD
     assert np.abs(fixed.at_target_rad - moving.at_target_rad).max() < SAME_RAD

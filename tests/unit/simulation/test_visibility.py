@@ -5,6 +5,7 @@ import pytest
 
 from radioloc.lunar.frames import hidden_by_moon
 from radioloc.lunar.position import LunarPosition
+from radioloc.measurements.target_motion import FixedPoint
 from radioloc.simulation import Masks, Schedule, Session, elevations, two_way, visibility, windows
 from radioloc.simulation.visibility import Sight
 from radioloc.time import Epochs, epochs_from_strings, utc_strings, utc_to_tt
@@ -15,10 +16,10 @@ RECEPTION_RAD, TRANSMISSION_RAD = 1e-6, 2e-5
 ASTROPY_RAD = 1e-4
 
 
-def test_elevations_are_those_of_the_measurement_model(model, lander_pa_m, compute):
+def test_elevations_are_those_of_the_measurement_model(model, lander, lander_pa_m, compute):
     stations = ("JIAMUSI", "KASHI", "NEUQUEN")
     session = Session("range", two_way(*stations), "2020-12-01T00:00", "2020-12-03T00:00", 1800.0, 1.0)
-    observations = Schedule([session], Masks(5.0)).plan(model, lander_pa_m).observations
+    observations = Schedule([session], Masks(5.0)).plan(model, lander).observations
     predicted = compute(model, observations, lander_pa_m).elevation_rad
     station = [stations.index(observations.links[i].receiver) for i in observations.link]
     assert len(observations) > 50
@@ -26,7 +27,7 @@ def test_elevations_are_those_of_the_measurement_model(model, lander_pa_m, compu
     # Transmission is 2.56 to 2.6 s earlier, in which the target rises by 1e-4 rad.
     for end, earlier_s, tolerance_rad in ((1, 0.0, RECEPTION_RAD), (0, 2.58, TRANSMISSION_RAD)):
         tt = utc_to_tt(observations.epoch).shifted(-earlier_s)
-        elevation_rad = elevations(model, lander_pa_m, stations, tt).at_station_rad
+        elevation_rad = elevations(model, lander, stations, tt).at_station_rad
         at_station = elevation_rad[np.arange(len(observations)), station]
         np.testing.assert_allclose(at_station, predicted[:, end], rtol=0.0, atol=tolerance_rad)
 
@@ -44,8 +45,8 @@ def test_elevation_of_the_centre_of_the_moon_agrees_with_astropy(model):
         time = Time(utc_strings(utc).tolist(), scale="utc")
         moon = coordinates.get_body("moon", time, place, ephemeris="builtin")
         altitude_rad = moon.transform_to(coordinates.AltAz(obstime=time, location=place)).alt.rad
-    centre_pa_m = np.array([1.0, 0.0, 0.0])
-    elevation_rad = elevations(model, centre_pa_m, [name], utc_to_tt(utc)).at_station_rad[:, 0]
+    centre = FixedPoint(np.array([1.0, 0.0, 0.0]))
+    elevation_rad = elevations(model, centre, [name], utc_to_tt(utc)).at_station_rad[:, 0]
     np.testing.assert_allclose(elevation_rad, altitude_rad, rtol=0.0, atol=ASTROPY_RAD)
 
 
@@ -54,8 +55,7 @@ def test_elevation_of_the_earth_follows_the_librations(model):
 
     def at_target_deg(longitude_deg, latitude_deg):
         point = LunarPosition.from_selenographic(longitude_deg, latitude_deg, 0.0)
-        point_pa_m = point.to_axes("PA", model.ephemeris.constants).xyz_m
-        return np.degrees(elevations(model, point_pa_m, ["KASHI", "NEUQUEN"], tt).at_target_rad)
+        return np.degrees(elevations(model, point, ["KASHI", "NEUQUEN"], tt).at_target_rad)
 
     # Optical libration is up to 7.9 deg in longitude, 6.9 deg in latitude; the stations are 1 deg off the geocentre.
     assert at_target_deg(0.0, 0.0).min() > 90.0 - 11.5
@@ -66,26 +66,25 @@ def test_elevation_of_the_earth_follows_the_librations(model):
     np.testing.assert_allclose(pole, -at_target_deg(0.0, -90.0), atol=0.6)
 
 
-def test_rise_and_set_are_exact_to_the_second(model, lander_pa_m):
+def test_rise_and_set_are_exact_to_the_second(model, lander):
     masks = Masks(10.0, by_station_deg={"NEUQUEN": 15.0})
-    intervals = windows(model, lander_pa_m, ["Kashgar"], "2020-12-01T00:00", "2020-12-04T00:00", masks)
-    intervals += windows(model, lander_pa_m, ["ZAPALA"], "2020-12-01T00:00", "2020-12-04T00:00", masks)
+    intervals = windows(model, lander, ["Kashgar"], "2020-12-01T00:00", "2020-12-04T00:00", masks)
+    intervals += windows(model, lander, ["ZAPALA"], "2020-12-01T00:00", "2020-12-04T00:00", masks)
     assert sum(w.rises for w in intervals) >= 5
     assert sum(w.sets for w in intervals) >= 5
     for station, window in zip(["KASHI"] * 4 + ["NEUQUEN"] * 3, intervals, strict=True):
         limits = utc_to_tt(epochs_from_strings([window.start_utc, window.stop_utc], "UTC"))
-        at_limits = elevations(model, lander_pa_m, [station], limits)
+        at_limits = elevations(model, lander, [station], limits)
         # Rounded into the window, up to the tolerance of the crossing, a tenth of a second.
         assert (at_limits.margin_rad(masks) > -np.radians(0.1 * 15.0 / 3600.0)).all()
-        margin_rad = elevations(model, lander_pa_m, [station], limits.shifted([-1.1, 1.1])).margin_rad(masks)
+        margin_rad = elevations(model, lander, [station], limits.shifted([-1.1, 1.1])).margin_rad(masks)
         assert (margin_rad[:, 0] < 0.0).tolist() == [window.rises, window.sets]
 
 
-def test_windows_of_two_stations_are_the_overlap(model, lander_pa_m):
+def test_windows_of_two_stations_are_the_overlap(model, lander):
     limits = "2020-12-01T15:11:00", "2020-12-03T15:10:00"
     jiamusi, kashi, common = (
-        windows(model, lander_pa_m, names, *limits)
-        for names in (["JIAMUSI"], ["KASHI"], ["JIAMUSI", "KASHI"])
+        windows(model, lander, names, *limits) for names in (["JIAMUSI"], ["KASHI"], ["JIAMUSI", "KASHI"])
     )
     overlaps = [
         (max(a.start_utc, b.start_utc), min(a.stop_utc, b.stop_utc))
@@ -101,9 +100,9 @@ def test_windows_of_two_stations_are_the_overlap(model, lander_pa_m):
 
 
 def test_far_side_has_no_windows(model):
-    target = LunarPosition.from_selenographic(180.0, 0.0, 0.0).to_axes("PA", model.ephemeris.constants)
-    assert windows(model, target.xyz_m, ["KASHI"], "2020-12-01", "2020-12-03") == []
-    (window,) = windows(model, target.xyz_m, ["KASHI"], "2020-12-01", "2020-12-03", Masks(-90.0, -90.0))
+    target = LunarPosition.from_selenographic(180.0, 0.0, 0.0)
+    assert windows(model, target, ["KASHI"], "2020-12-01", "2020-12-03") == []
+    (window,) = windows(model, target, ["KASHI"], "2020-12-01", "2020-12-03", Masks(-90.0, -90.0))
     assert (window.rises, window.sets) == (False, False)
     assert (window.start_utc, window.stop_utc) == ("2020-12-01T00:00:00", "2020-12-03T00:00:00")
 
@@ -131,24 +130,22 @@ def every_s(step_s, hours):
 
 
 @pytest.mark.parametrize("mask_deg", [10.0, 40.0])
-def test_visibility_is_that_of_the_elevations_at_each_epoch(model, lander_pa_m, mask_deg):
+def test_visibility_is_that_of_the_elevations_at_each_epoch(model, lander, lander_pa_m, mask_deg):
     tt, masks = every_s(5.0, 30.0), Masks(mask_deg, by_station_deg={"NEUQUEN": 25.0})
-    visible = Sight(model, STATIONS, tt).is_visible(lander_pa_m, masks)
-    np.testing.assert_array_equal(
-        visible, elevations(model, lander_pa_m, STATIONS, tt).margin_rad(masks) >= 0.0
-    )
+    visible = Sight(model, STATIONS, tt).is_visible(FixedPoint(lander_pa_m), masks)
+    np.testing.assert_array_equal(visible, elevations(model, lander, STATIONS, tt).margin_rad(masks) >= 0.0)
     assert (np.diff(visible, axis=0).sum(axis=0) >= 2).all()
 
 
 @pytest.mark.study
-def test_a_culmination_of_seconds_above_the_mask_is_not_missed(model, lander_pa_m):
+def test_a_culmination_of_seconds_above_the_mask_is_not_missed(model, lander, lander_pa_m):
     tt = every_s(1.0, 26.0)
-    highest_rad = elevations(model, lander_pa_m, ["KASHI"], tt).at_station_rad.max()
+    highest_rad = elevations(model, lander, ["KASHI"], tt).at_station_rad.max()
     masks = Masks(float(np.degrees(highest_rad)) - 1e-7)
-    assert 0 < Sight(model, ["KASHI"], tt).is_visible(lander_pa_m, masks).sum() < 60
+    assert 0 < Sight(model, ["KASHI"], tt).is_visible(FixedPoint(lander_pa_m), masks).sum() < 60
 
 
-def test_elevations_change_less_than_the_bound(model, lander_pa_m):
-    angles = elevations(model, lander_pa_m, STATIONS, every_s(600.0, 24.0 * 28.0))
+def test_elevations_change_less_than_the_bound(model, lander):
+    angles = elevations(model, lander, STATIONS, every_s(600.0, 24.0 * 28.0))
     for elevation_rad in (angles.at_station_rad, angles.at_target_rad):
         assert np.abs(np.diff(elevation_rad, axis=0)).max() / 600.0 < visibility._MAX_ELEVATION_RATE_RAD_S

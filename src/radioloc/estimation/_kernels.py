@@ -1,7 +1,7 @@
-"""Compiled Kalman filter of series for many noise models at once: cells, which are the last axis of all arrays.
+"""Compiled loops over series with white noise and first-order Gauss-Markov processes.
 
-Loops over cells are innermost, as compilers turn them to vector instructions: one filter for each cell takes five times
-as long.
+The Kalman filter is of many noise models at once: cells, the last axis of its arrays. Loops over cells are innermost,
+as compilers turn them to vector instructions: one filter for each cell takes five times as long.
 """
 
 import math
@@ -9,7 +9,7 @@ import math
 import numpy as np
 
 from radioloc.compiled import compiled
-from radioloc.vectors import Floats
+from radioloc.vectors import Floats, Indices
 
 _LOGARITHM_STEP = 16  # innovation variances, below 1e15, that are multiplied before a logarithm is taken
 
@@ -116,3 +116,34 @@ def _add_products(innovation: Floats, variance: Floats, products: Floats) -> Non
             product, row_innovation = products[j, k], innovation[k]
             for g in range(cells):
                 product[g] += weighted[g] * row_innovation[g]
+
+
+@compiled(error_model="numpy")
+def half_products(
+    begin: Indices,
+    step_s: Floats,
+    gain: Floats,
+    white: Floats,
+    variance: Floats,
+    tau_s: Floats,
+    columns: Floats,
+) -> Floats:
+    """Lower triangle of the covariance of series, half its diagonal, times columns, as in :mod:`gauss_markov`."""
+    # Series k has white noise and processes with variances and correlation times (s, p); zeros stand for no process.
+    (n, m), (series, p) = columns.shape, variance.shape
+    half = np.empty((n, m))
+    for k in range(series):
+        states, decay, first = np.zeros((p, m)), np.zeros(p), begin[k]
+        for i in range(first, begin[k + 1]):
+            weight = 0.5 * (white[k] - variance[k].sum() * gain[i] ** 2)
+            for j in range(m):
+                half[i, j] = weight * columns[i, j]
+            for a in range(p):
+                if variance[k, a] == 0.0:
+                    continue
+                if i == first + 1 or (i > first and step_s[i] != step_s[i - 1]):
+                    decay[a] = math.exp(-step_s[i] / tau_s[k, a])
+                for j in range(m):
+                    states[a, j] = decay[a] * states[a, j] + gain[i] * columns[i, j]
+                    half[i, j] += gain[i] * variance[k, a] * states[a, j]
+    return half

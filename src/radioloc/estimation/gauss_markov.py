@@ -166,7 +166,7 @@ def half_products(
 
     With L the result, the product of columns A with the covariance is A^T L + L^T A.
     """
-    from radioloc.noise._kernels import half_products as compiled
+    from radioloc.estimation._kernels import half_products as compiled
 
     variance, tau_s = np.zeros((2, len(noise), max((len(item.tau_s) for item in noise), default=0)))
     for k, item in enumerate(noise):

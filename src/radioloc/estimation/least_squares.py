@@ -196,7 +196,7 @@ def fit_least_squares(
     used: ArrayLike | None = None,
     start: ArrayLike | None = None,
     linearization: Linearization | None = None,
-    whitening: Whitener | None = None,
+    whitening: LinkedWhitener | None = None,
 ) -> FitResult:
     """Estimate parameters from the used observations, by default all, starting from the a-priori values.
 
@@ -218,14 +218,13 @@ def fit_least_squares(
     check_residuals(linearization, mask)
 
     # Weights: given ones, those of the process noise, or those of the stated noise.
-    if isinstance(whitening, LinkedWhitener):
-        stated_whitening = StructuredWhitener(n, whitening.structures)
-    else:
-        stated_whitening = noise.whitener(mask)
-    processes = process_noise(linearization)
+    stated: Whitener = (
+        noise.whitener(mask) if whitening is None else StructuredWhitener(n, whitening.structures)
+    )
+    processes, weights = process_noise(linearization), whitening or stated
     if processes and whitening is None:
-        whitening = InformationFilters.from_observations(processes, noise, mask)
-    solver = _GaussNewton(residual_function, parameters, whitening or stated_whitening, int(mask.sum()))
+        weights = InformationFilters.from_observations(processes, noise, mask)
+    solver = _GaussNewton(residual_function, parameters, weights, int(mask.sum()))
 
     factor = factorize(linearization, solver.whitening, parameters, x)
     if factor is None:
@@ -240,7 +239,7 @@ def fit_least_squares(
     # Chi-square refers to the stated noise, with the process noise of orbits, and not to other weights.
     chi2 = iterate.sum_of_squares
     if (whitening is not None and not processes) or math.isnan(chi2):
-        chi2 = _sum_of_squares(linearization.residual_m, stated_whitening, parameters, iterate.x)
+        chi2 = _sum_of_squares(linearization.residual_m, stated, parameters, iterate.x)
     prior_count = int((np.isfinite(parameters.prior_sigmas) & parameters.free).sum())
     smoothed, correlation = tuple[Smoothed, ...](), None
     if processes:  # the weights allow for the correlation by process noise, and no other is sought

@@ -166,8 +166,6 @@ def _wanted_m(
     for k in range(count):
         members = fit.used & (group == k)
         dof = float(members.sum() * (1.0 - leverage))
-        if dof < 1:
-            continue
         whitener = stated.whitener(members)
         sigma_m = whitener.sigma_m
         if sigma_m is None:

@@ -110,34 +110,3 @@ def recursions(decay: Floats, weight: Floats, drive: Floats) -> Floats:
                 states[a, j] = decay[i, a] * states[a, j] + drive[i, j]
                 out[i, j] += weight[a] * states[a, j]
     return out
-
-
-@compiled(error_model="numpy")
-def half_products(
-    begin: Indices,
-    step_s: Floats,
-    gain: Floats,
-    white: Floats,
-    variance: Floats,
-    tau_s: Floats,
-    columns: Floats,
-) -> Floats:
-    """Lower triangle of the covariance of series, half its diagonal, times columns, as in :mod:`gauss_markov`."""
-    # Series k has white noise and processes with variances and correlation times (s, p); zeros stand for no process.
-    (n, m), (series, p) = columns.shape, variance.shape
-    half = np.empty((n, m))
-    for k in range(series):
-        states, decay, first = np.zeros((p, m)), np.zeros(p), begin[k]
-        for i in range(first, begin[k + 1]):
-            weight = 0.5 * (white[k] - variance[k].sum() * gain[i] ** 2)
-            for j in range(m):
-                half[i, j] = weight * columns[i, j]
-            for a in range(p):
-                if variance[k, a] == 0.0:
-                    continue
-                if i == first + 1 or (i > first and step_s[i] != step_s[i - 1]):
-                    decay[a] = math.exp(-step_s[i] / tau_s[k, a])
-                for j in range(m):
-                    states[a, j] = decay[a] * states[a, j] + gain[i] * columns[i, j]
-                    half[i, j] += gain[i] * variance[k, a] * states[a, j]
-    return half

@@ -2,7 +2,15 @@
 
 import numpy as np
 
-from radioloc.estimation.gauss_markov import Points, Series, SeriesNoise, half_products, noise_of_series
+from radioloc.estimation.gauss_markov import (
+    RATIOS,
+    Points,
+    RestrictedLikelihood,
+    Series,
+    SeriesNoise,
+    half_products,
+    noise_of_series,
+)
 from radioloc.simulation.noise import Noise
 
 
@@ -52,3 +60,12 @@ def test_what_is_considered_is_no_noise():
     data = points(rng.normal(size=n) + 1.5 * slope[:, 0], unit=slope)
     assert noise_of_series(data, 0.0)["a"].share > 0.2
     assert noise_of_series(data, 1.5) == {}
+
+
+def test_correlation_that_is_likely_but_not_significant_is_not_adopted():
+    data = points(np.random.default_rng(15).normal(size=120))
+    likelihood = RestrictedLikelihood.from_points(data, np.array([0]), 0.0)
+    *_, joint, _ = likelihood.evaluate(np.array([30.0, 60.0, 240.0]), RATIOS[::4])
+    # More likely than white noise, less than 4.6, the limit for two further parameters at 1 %.
+    assert 2.0 < joint.max() < 4.6
+    assert noise_of_series(data, 0.0) == {}

@@ -24,7 +24,7 @@ import math
 import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from importlib.resources import files
 from typing import Any
 
@@ -447,6 +447,7 @@ def _is_similar(key: str, label: str) -> bool:
     return alike and (not number or not of_label or number == of_label)
 
 
+@lru_cache(4096, typed=True)
 def _key(name: str | int) -> str:
     return re.sub(r"[\s_-]", "", str(name)).upper()
 

@@ -18,7 +18,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -26,6 +26,7 @@ from radioloc.estimation.consider import UnestimatedErrors
 from radioloc.estimation.gauss_markov import Points, SeriesNoise, noise_of_series
 from radioloc.estimation.least_squares import FitResult
 from radioloc.estimation.linearization import gram, matrix_product
+from radioloc.estimation.robust import MAX_DENSE_PARAMETERS
 from radioloc.estimation.series import SeriesOrder, independent_series, link_contributions, points_of
 from radioloc.estimation.time_correlation import ABSORBED_SIGMAS, mixed_units
 from radioloc.noise.whitening import Rows, column
@@ -72,40 +73,51 @@ class BinnedProblem:
     white: tuple[float, ...] = ()  # white variance of each series
 
     @cached_property
-    def _rows_and_weighted(self) -> tuple[Floats, Floats]:
-        """Residuals and partials (n + k, 1 + c), whitened, and times V^-1."""
+    def _rows_and_weighted(self) -> tuple[Floats, Any, Any]:
+        """Whitened residuals (n + k,) and partials (n + k, c); both times V^-1, (n + k, 1 + c).
+
+        Matrices of many parameters are sparse.
+        """
+        from scipy.sparse import csr_array
+
         whitened = np.concatenate([np.column_stack([self.points.residual, self.points.unit]), self.prior])
         weighted = whitened.copy()
         for k, root in enumerate(self.roots):
             part = self.points.series_slice(k)
             whitened[part] = root @ whitened[part]
             weighted[part] = root.T @ whitened[part]
-        return whitened, weighted
+        residual, partials = whitened[:, 0].copy(), whitened[:, 1:]
+        if partials.shape[1] > MAX_DENSE_PARAMETERS:
+            return residual, csr_array(partials), csr_array(weighted)
+        return residual, partials, weighted
 
     @property
-    def whitened(self) -> Floats:
+    def whitened(self) -> Any:
         """Whitened partials, (n + k, c)."""
-        return self._rows_and_weighted[0][:, 1:]
+        return self._rows_and_weighted[1]
 
     @property
-    def weighted(self) -> Floats:
+    def weighted(self) -> Any:
         """Residuals and partials times V^-1, (n + k, 1 + c)."""
-        return self._rows_and_weighted[1]
+        return self._rows_and_weighted[2]
 
     @cached_property
     def inverse(self) -> Floats:
         """Inverse of the normal matrix, (c, c)."""
-        return _scaled_inverse(gram(self.whitened, self.whitened))
+        return _scaled_inverse(_normal(self.whitened))
 
     @cached_property
     def estimate(self) -> Floats:
         """Change of the parameters, (c,)."""
-        return np.asarray(self.inverse @ (self.whitened.T @ self._rows_and_weighted[0][:, 0]))
+        side = self.whitened.T @ self._rows_and_weighted[0]
+        if isinstance(self.whitened, np.ndarray):
+            return np.asarray(self.inverse @ side)
+        return _solution(self.whitened, side)
 
     @cached_property
     def residual(self) -> Floats:
         """Whitened residuals after the estimate, (n + k,)."""
-        return np.asarray(self._rows_and_weighted[0][:, 0] - self.whitened @ self.estimate)
+        return np.asarray(self._rows_and_weighted[0] - self.whitened @ self.estimate)
 
     @classmethod
     def from_fit(
@@ -149,7 +161,7 @@ class BinnedProblem:
         values = np.hstack([sums[:, :1], sums[:, 1:] @ unit[:, :width]])
         has_prior = np.isfinite(sigmas)
         prior = np.column_stack([offset, unit])[has_prior] / sigmas[has_prior, None]
-        points = replace(points, unit=partials @ unit)
+        points = replace(points, unit=matrix_product(partials, unit))
         noise = noise_of(replace(points, unit=points.unit[:, :width]))
         problem = cls(points, prior, place, code, values, changes, roots=())
         return problem._with_noise(noise, np.zeros(unit.shape[1]))
@@ -159,8 +171,7 @@ class BinnedProblem:
         # The variance is larger if the whitened residuals of the series are still correlated.
         points, roots, white = self.points, list[Floats](), list[float]()
         partials = np.concatenate([points.unit, self.prior[:, 1:]])
-        inverse = _scaled_inverse(gram(partials, partials))
-        leverage = np.einsum("nc,nc->n", matrix_product(points.unit, inverse), points.unit)
+        leverage = np.einsum("nc,cn->n", points.unit, _solution(partials, points.unit.T))
         absorbed = np.add.reduceat(leverage, points.begin[:-1]).tolist()
         for k, series in enumerate(points.series):
             part = points.series_slice(k)
@@ -191,7 +202,7 @@ class BinnedProblem:
 
         count, width = values.shape
         parts = values.T.ravel(), np.tile(rows, width), count * np.arange(width + 1)
-        columns = csc_array(parts, (len(self.whitened), width))
+        columns = csc_array(parts, (self.whitened.shape[0], width))
         columns.sum_duplicates()
         columns.eliminate_zeros()
         return columns
@@ -268,10 +279,11 @@ class BinnedProblem:
         for part, root in self._series_with(z):
             nonzero = np.flatnonzero(z[part].any(axis=0))
             z[part, nonzero] = root @ z[part, nonzero]
-        products = np.asarray(columns.T @ self.weighted)
+        sparse_products = csr_array(columns.T @ self.weighted)  # few parameters act on most columns
+        products = sparse_products.toarray()
         with_partials = products[:, 1:]
         score = products[:, 0] - with_partials @ self.estimate
-        gain = np.asarray(csr_array(with_partials) @ self.inverse).T  # few parameters act on most columns
+        gain = np.asarray(sparse_products[:, 1:] @ self.inverse).T
         return ScoreProducts(self, z, score, with_partials, np.linalg.norm(z, axis=0), gain)
 
     def inflation(self, links: Mapping[int, float], shift: Floats, effect: Floats) -> float:
@@ -292,10 +304,15 @@ class BinnedProblem:
         for part, root in self._series_with(constant[:, None]):
             index = np.searchsorted(self.points.time_s[part], edges_s)
             squares += np.square(_sums_from(root.T * constant[part, None])).sum(axis=1)[index]
-            products += _sums_from(self.weighted[part] * constant[part, None])[index]
+            weighted = self.weighted[part]
+            weighted = weighted if isinstance(weighted, np.ndarray) else weighted.toarray()
+            products += _sums_from(weighted * constant[part, None])[index]
         with_partials = products[:, 1:]
         score = products[:, 0] - with_partials @ self.estimate
-        information = squares - np.einsum("wc,wc->w", with_partials @ self.inverse, with_partials)
+        acting = np.flatnonzero(with_partials.any(axis=0))
+        with_acting = with_partials[:, acting]
+        inverse = self.inverse[np.ix_(acting, acting)]
+        information = squares - np.einsum("wc,wc->w", with_acting @ inverse, with_acting)
         determined = information > _MIN_SQUARE_FRACTION * squares
         return np.divide(score**2, information, out=np.zeros_like(score), where=determined)
 
@@ -424,8 +441,26 @@ def _scaled_inverse(normal: Floats) -> Floats:
     if failure or np.diag(factor).min(initial=1.0) < _MIN_PIVOT:
         # The eigenvectors of numpy, by divide and conquer, fail for some well-conditioned matrices of this form.
         return scale[:, None] * np.asarray(pinvh(scaled, rtol=1e-15)) * scale
-    upper = np.triu(dpotri(factor)[0])
-    return np.asarray(scale[:, None] * (upper + np.triu(upper, 1).T) * scale)
+    upper = dpotri(factor)[0]  # with zeros below
+    inverse = upper + upper.T
+    np.fill_diagonal(inverse, np.diag(upper))
+    return np.asarray(scale[:, None] * inverse * scale)
+
+
+def _normal(rows: Any) -> Floats:
+    """Return the normal matrix (c, c) of rows (n, c), dense or sparse."""
+    return gram(rows, rows) if isinstance(rows, np.ndarray) else (rows.T @ rows).toarray()
+
+
+def _solution(rows: Any, side: Floats) -> Floats:
+    """Solve the normal equations of rows (n, c), sparse if there are many parameters."""
+    from scipy.sparse import csr_array
+    from scipy.sparse.linalg import splu
+
+    if rows.shape[1] <= MAX_DENSE_PARAMETERS:
+        return np.asarray(_scaled_inverse(gram(rows, rows)) @ side)
+    rows = csr_array(rows)
+    return np.asarray(splu((rows.T @ rows).tocsc()).solve(side))
 
 
 def noise_of_each(points: Points) -> dict[str, SeriesNoise]:

@@ -331,7 +331,7 @@ def hypothesis_products(
     """
     from scipy.sparse import hstack
 
-    at_once, first = _MAX_BATCH_ELEMENTS // len(problem.whitened), [] if common is None else [common]
+    at_once, first = _MAX_BATCH_ELEMENTS // problem.whitened.shape[0], [] if common is None else [common]
     ends = np.cumsum([item.columns.shape[1] for item in hypotheses])
     for _, batch in groupby(
         zip(hypotheses, ends.tolist(), strict=True), lambda pair: pair[1] // (1 + at_once)

@@ -13,7 +13,7 @@ and Muthukrishnan 2006).
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -43,6 +43,7 @@ _MAX_REWEIGHTINGS = 100
 _MAX_STEP_HALVINGS = 10
 _MAX_ROWS = 5000  # sample size that changes an estimate of five parameters by a fiftieth of one sigma
 _MAX_REPEATED_ROWS = 1000  # of problems that are fitted again and again
+MAX_DENSE_PARAMETERS = 300  # of normal equations; of more parameters, most act on few observations
 _MIN_DRAWS_FRACTION = 0.04  # number of draws for each parameter over that of rows
 _SEED = 20201201
 _TOLERANCE_SIGMAS = 0.01  # change of fitted values at convergence, in (robust) sigmas
@@ -76,7 +77,7 @@ def robust_start(
     x = parameters.prior_values if start is None else start
     search = _RobustSearch(residual_function, parameters, rows, sigma_m[rows], problem)
     estimate, root = search.minimize_huber_loss(search.iterate(x, linearization))
-    if robust_scale(estimate.normalized, len(root)) > _MAX_HUBER_SPREAD_SIGMAS:
+    if robust_scale(estimate.normalized, root.shape[0]) > _MAX_HUBER_SPREAD_SIGMAS:
         estimate = search.find_consensus(estimate, root)
     return estimate.x, estimate.linearization
 
@@ -108,8 +109,11 @@ class _RobustSearch:
         x[self.parameters.free] += change
         return self.iterate(x, evaluate_step(self.residual_function, x, iterate.linearization))
 
-    def minimize_huber_loss(self, iterate: _Iterate) -> tuple[_Iterate, Floats]:
-        """Return the minimum of Huber's loss, and the root of its least-squares covariance (q, r)."""
+    def minimize_huber_loss(self, iterate: _Iterate) -> tuple[_Iterate, Any]:
+        """Return the minimum of Huber's loss, and the root of its least-squares covariance (q, r).
+
+        The root of many parameters is sparse, with their a-priori sigmas or scales.
+        """
         free, q = self.parameters.free, int(self.parameters.free.sum())
         is_linear = self.problem is not None
         root = np.zeros((q, 0)) if self.problem is None else self.problem.to_free
@@ -117,14 +121,16 @@ class _RobustSearch:
         for _ in range(1 if is_linear else _MAX_LINEARIZATIONS):
             x, linearization, normalized = iterate
             partials = linearization.partials(self.rows)
-            if not is_linear:
+            if not is_linear and q > MAX_DENSE_PARAMETERS:
+                root = _sparse_scales(self.parameters)
+            elif not is_linear:
                 dense = DenseLinearization(linearization.residual_m[self.rows], partials)
                 noise = ObservationCovariance.from_sigma(self.sigma_m, len(self.rows))
                 factor = factorize(dense, noise.whitener(), self.parameters, x)
                 if factor is None:
                     break
                 root = factor.root_covariance()
-            basis = matrix_product(partials[:, free], root) / self.sigma_m[:, None]
+            basis = _coordinates(partials[:, free], root, self.sigma_m)
             y = _huber_estimate(basis, normalized, *_prior_terms(self.parameters, x, root), tolerance)
             if np.abs(basis @ y).max(initial=0.0) < tolerance * max(1.0, robust_scale(normalized, q)):
                 break
@@ -147,13 +153,15 @@ class _RobustSearch:
         loss = float(losses.sum() + 0.5 * prior @ prior)
         return loss if np.isfinite(loss) else np.inf
 
-    def find_consensus(self, start: _Iterate, root: Floats) -> _Iterate:
+    def find_consensus(self, start: _Iterate, root: Any) -> _Iterate:
         """Return the estimate of random subsets if the residuals agree much better with it, or else the start.
 
         Subsets as small as the number of estimated parameters are free of gross errors often enough; considered
         parameters stay as they are.
         """
-        free, q = self.parameters.free, len(root)
+        free, q = self.parameters.free, root.shape[0]
+        if not isinstance(root, np.ndarray):
+            root = root.toarray()
         is_estimated = ~self.parameters.considered[free]
         if not is_estimated.all():
             estimated_root = root_of_rows(root[is_estimated])
@@ -161,10 +169,7 @@ class _RobustSearch:
             root[is_estimated] = estimated_root
         iterate, max_spread = start, _MAX_SPREAD_RATIO * robust_scale(start.normalized, q)
         for _ in range(_CONSENSUS_ROUND_COUNT):
-            basis = (
-                matrix_product(iterate.linearization.partials(self.rows)[:, free], root)
-                / self.sigma_m[:, None]
-            )
+            basis = _coordinates(iterate.linearization.partials(self.rows)[:, free], root, self.sigma_m)
             y = _consensus(basis, iterate.normalized, *_prior_terms(self.parameters, iterate.x, root))
             iterate = self.step(iterate, root @ y)
             if robust_scale(iterate.normalized, q) < max_spread:
@@ -237,25 +242,61 @@ def sample(
     return np.flatnonzero(drawn)
 
 
+def _sparse_scales(parameters: ParameterSet) -> Any:
+    """Return the a-priori sigmas of the free parameters, or their scales, as a sparse diagonal matrix (q, q)."""
+    from scipy.sparse import csr_array, diags_array
+
+    sigmas = np.where(np.isfinite(parameters.prior_sigmas), parameters.prior_sigmas, parameters.scales)
+    return csr_array(diags_array(sigmas[parameters.free]))
+
+
+def _coordinates(partials: Floats, root: Any, sigma_m: Floats) -> Any:
+    """Return partials (n, q) over sigmas (n,) with respect to the coordinates of a root, sparse as the root."""
+    if isinstance(root, np.ndarray):
+        return matrix_product(partials, root) / sigma_m[:, None]
+    return type(root)(partials / sigma_m[:, None]) @ root
+
+
 def _huber_estimate(
-    basis: Floats, normalized: Floats, prior_normal: Floats, prior_side: Floats, tolerance: float
+    basis: Any, normalized: Floats, prior_normal: Any, prior_side: Floats, tolerance: float
 ) -> Floats:
-    """Minimize Huber's loss of normalized residuals (n,) over orthonormal coordinates, (q,)."""
+    """Minimize Huber's loss of normalized residuals (n,) over coordinates with partials (n, q), return (q,)."""
     y: Floats = np.zeros(basis.shape[1])
     remaining = normalized
     for _ in range(_MAX_REWEIGHTINGS):
-        weighted = basis * (1.0 / np.maximum(1.0, np.abs(remaining)))[:, None]
-        side = gram(weighted, normalized[:, None])[:, 0]
+        weights = 1.0 / np.maximum(1.0, np.abs(remaining))
         previous = y
-        y = np.linalg.solve(prior_normal + gram(weighted, basis), prior_side + side).astype(np.float64)
-        change = np.abs(np.einsum("nq,q->n", basis, y - previous)).max(initial=0.0)
-        remaining = normalized - np.einsum("nq,q->n", basis, y)
+        y = _weighted_estimate(basis, weights, normalized, prior_normal, prior_side)
+        change = np.abs(_effect(basis, y - previous)).max(initial=0.0)
+        remaining = normalized - _effect(basis, y)
         if change < tolerance or change < tolerance * robust_scale(remaining, len(y)):
             break
     return y
 
 
-def _prior_terms(parameters: ParameterSet, x: Floats, root: Floats) -> tuple[Floats, Floats]:
+def _weighted_estimate(
+    basis: Any, weights: Floats, normalized: Floats, prior_normal: Any, prior_side: Floats
+) -> Floats:
+    """Solve the normal equations of weighted rows, which are sparse if the partials are."""
+    if isinstance(basis, np.ndarray):
+        weighted = basis * weights[:, None]
+        side = gram(weighted, normalized[:, None])[:, 0]
+        return np.linalg.solve(prior_normal + gram(weighted, basis), prior_side + side).astype(np.float64)
+    from scipy.sparse import eye_array
+    from scipy.sparse.linalg import splu
+
+    weighted = (basis.T * weights).tocsr()
+    normal = prior_normal + weighted @ basis + _RIDGE * eye_array(basis.shape[1])
+    return np.asarray(splu(normal.tocsc()).solve(prior_side + weighted @ normalized))
+
+
+def _effect(basis: Any, y: Floats) -> Floats:
+    """Return the effect of coordinates (q,) on the observations, (n,)."""
+    # Summed by numpy itself: the result does not depend on the number of threads
+    return np.einsum("nq,q->n", basis, y) if isinstance(basis, np.ndarray) else basis @ y
+
+
+def _prior_terms(parameters: ParameterSet, x: Floats, root: Any) -> tuple[Any, Floats]:
     """Return the normal matrix and right-hand side of the a-priori values, in the coordinates of `root`."""
     sigmas = parameters.prior_sigmas[parameters.free]
     rows = root / sigmas[:, None]

@@ -174,9 +174,11 @@ def scaled_covariance(fit: FitResult, noise_scale: float) -> Floats:
     # C P C.
     formal = np.array(fit.covariance)
     undetermined = np.isinf(np.diag(formal))
+    if noise_scale == 1.0:
+        return formal
     formal[undetermined, undetermined] = 0.0
-    prior_information = np.diag(fit.parameters.prior_sigmas**-2.0)
-    scaled = noise_scale**2 * formal + (1.0 - noise_scale**2) * formal @ prior_information @ formal
+    prior_information = fit.parameters.prior_sigmas**-2.0
+    scaled = noise_scale**2 * formal + (1.0 - noise_scale**2) * (formal * prior_information) @ formal
     scaled[undetermined, undetermined] = np.inf
     return scaled
 

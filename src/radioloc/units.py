@@ -68,9 +68,18 @@ def as_float_array(value: Any, unit: str, name: str) -> NDArray[np.float64]:
     try:
         return np.asarray(numbers, dtype=np.float64)
     except (TypeError, ValueError):
+        first = next((text for text in np.ravel(numbers) if _is_no_number(text)), value)
         raise InputError(
-            f"{name}: expected a number or an array of numbers in {unit}, got {value!r}"
+            f"{name}: expected numbers in {unit}, with a decimal point, got {str(first)[:40]!r}"
         ) from None
+
+
+def _is_no_number(value: Any) -> bool:
+    try:
+        float(value)
+    except (TypeError, ValueError):
+        return True
+    return False
 
 
 def read_only_array(value: Any, unit: str, name: str) -> NDArray[np.float64]:

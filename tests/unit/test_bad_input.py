@@ -61,6 +61,8 @@ CASES = {
         message(TWO_WAY | {"PARTICIPANT_1": "DSS-99"}), "line 12", "station 'DSS-99'"
     ),
     "csv: half of the path": csv(table(ROWS[0].replace("768800123.4", "384400061.7")), "line 2", "half"),
+    "csv: kilometres": csv(table(ROWS[0].replace("768800123.4", "768800.1234")), "line 2", "in kilometres"),
+    "csv: NaN": csv(table(ROWS[0].replace("768800123.4", "nan")), "line 2", "observed_m: expected"),
     "csv: a name of thousands of characters": csv(
         table(ROWS[0].replace("lander", "l" * 5000)), "line 2", "up to 80 characters", "l" * 70 + "...'"
     ),

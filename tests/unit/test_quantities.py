@@ -251,6 +251,7 @@ def test_columns_of_observations_with_units():
     [
         ("value_m", [2.5, 2.6] * u.s, "value_m is in s; give m"),
         ("temperature_k", 7.0 * u.deg_C, "temperature_k is in deg_C; give K"),
+        ("value_m", ["750000,1", "760000,2"], "with a decimal point, got '750000,1'"),
         ("value_m", np.ma.masked_array([7.5e8, 7.6e8], [False, True]), "observation 2: value_m"),
     ],
 )

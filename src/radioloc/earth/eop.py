@@ -39,7 +39,7 @@ from radioloc.units import in_unit, set_fields
 from radioloc.vectors import Floats, Indices, Mask
 
 _MJD_1972 = 41317.0
-_BEYOND = 'or, for planning, set [model] eop_beyond = "hold" or "extrapolate"'
+_BEYOND = 'or, for planning, set [model] eop_beyond = "hold" or "extrapolate" (with --at: --eop-beyond)'
 _MAX_DAILY_CHANGE_S = 0.1
 """UT1-TAI changes by a few ms a day; a whole second means a leap second that one of the sources lacks."""
 _MAX_POLE_OFFSET_ARCSEC = 0.03

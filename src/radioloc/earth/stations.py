@@ -384,8 +384,8 @@ class StationCatalogue:
                 if math.dist(former.itrf_m, itrf_m) < _SAME_SITE_M:
                     raise StationError(
                         f"station {station.name} is {1e-3 * math.dist(former.itrf_m, station.itrf_m):.0f} km from the "
-                        f"catalogue's; with {name} it would be {1e-3 * math.dist(former.itrf_m, itrf_m):.3g} km from "
-                        "it: correct itrf_m"
+                        f"catalogue's; with {name} it would be {1e-3 * math.dist(former.itrf_m, itrf_m):.1f} km from "
+                        "it: correct the coordinates"
                     )
         remaining = [item for item in self._stations if _key(item.name) != _key(station.name)]
         return StationCatalogue([*remaining, station])
@@ -430,6 +430,10 @@ def reordered_coordinates(xyz_m: Floats) -> dict[str, Floats]:
     if abs(place.longitude_rad) <= 0.5 * math.pi:
         turned = itrf_from_geodetic(place.latitude_rad, place.longitude_rad, place.height_m)
         mistakes["longitude and latitude exchanged"] = turned
+    longitude_rad, latitude_rad = math.degrees(place.longitude_rad), math.degrees(place.latitude_rad)
+    if abs(longitude_rad) <= math.pi and abs(latitude_rad) <= 0.5 * math.pi:
+        in_degrees = itrf_from_geodetic(longitude_rad, latitude_rad, place.height_m)
+        mistakes["longitude and latitude in degrees, not radians,"] = in_degrees
     return mistakes
 
 

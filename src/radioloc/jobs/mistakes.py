@@ -49,6 +49,8 @@ _MAX_ITERATED, _MAX_ITERATIONS = 8, 4  # hypotheses whose fit is iterated, linea
 _ROBUST_ITERATIONS = 20  # of weights that make squares absolute values
 _MIN_RELATIVE_INFORMATION = 1e-13  # keeps parameters that the data do not determine at their values
 _TAG_ERRORS_S = {"1 s late": 1.0, "1 s early": -1.0, "a day late": 86400.0, "a day early": -86400.0}
+_ZONES_H = {f"in local time, UTC{hours:+d} h": 3600.0 * hours for hours in range(-12, 15) if hours}
+_TAI_MINUS_GPS_S = 19.0
 _FACTORS = {
     "have the wrong sign": -1.0,
     "are half of the right ones": 2.0,
@@ -159,7 +161,11 @@ def mistakes(observations: Observations) -> Iterator[Mistake]:
     owners = [("all stations", np.ones(count, dtype=bool))]
     owners += [(name, receivers == name) for name in stations if len(stations) > 1]
     owners = [(name, rows) for name, rows in owners if rows.any()]
-    tag_errors_s: dict[str, float | Floats] = {**_TAG_ERRORS_S, **dict(_ahead_of_utc_s(observations.epoch))}
+    tag_errors_s: dict[str, float | Floats] = {
+        **_TAG_ERRORS_S,
+        **_ZONES_H,
+        **dict(_ahead_of_utc_s(observations.epoch)),
+    }
     for text, ahead_s in tag_errors_s.items():
         earlier = replace(observations, epoch=_earlier(observations.epoch, ahead_s))
         for owner, rows in owners:
@@ -390,7 +396,8 @@ def _earlier(epoch: Epochs, ahead_s: float | Floats) -> Epochs:
 
 
 def _ahead_of_utc_s(epoch: Epochs) -> Iterator[tuple[str, Floats]]:
-    """Yield the time by which TAI and TT are ahead of UTC at epochs (n,), s, with words."""
-    for text, at in (("TAI, not UTC", utc_to_tai(epoch)), ("TT or TDB, not UTC", utc_to_tt(epoch))):
+    """Yield the time by which other time scales are ahead of UTC at epochs (n,), s, with words."""
+    tai, tt = utc_to_tai(epoch), utc_to_tt(epoch)
+    for name, at in {"TAI": tai, "GPS time": tai.shifted(-_TAI_MINUS_GPS_S), "TT or TDB": tt}.items():
         ahead_s = SECONDS_PER_DAY * ((at.jd - epoch.jd) + (at.fraction - epoch.fraction))
-        yield f"{text} ({ahead_s[0]:.6g} s ahead)", ahead_s
+        yield f"{name}, not UTC ({ahead_s[0]:.6g} s ahead)", ahead_s

@@ -17,6 +17,7 @@ from radioloc.estimation.consider import owner
 from radioloc.estimation.editing import EditedFit
 from radioloc.kernels.files import sha256_of
 from radioloc.measurements.chebyshev_predictor import ChebyshevPredictor
+from radioloc.measurements.evaluation import second_tropospheres
 from radioloc.measurements.light_path import PLANETS_MM
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import TERMS, PhysicalModel, kernel_record
@@ -187,6 +188,8 @@ def _position_notes(predictor: Predictor, parameters: Iterable[Parameter]) -> It
 
 def _model_notes(predictor: Predictor) -> Iterator[str]:
     model = predictor.model
+    simple = predictor.uncombined
+    yield from second_tropospheres(model, simple.observations, simple.motions, simple.targets)
     if predicted := int(predictor.predicted_eop.sum()):
         yield f"Earth orientation is predicted, not measured, for {plural(predicted, 'observation')}"
     yield from _extrapolation_note(model.earth.table, predictor.observations.epoch.mjd)

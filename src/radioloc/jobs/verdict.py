@@ -93,10 +93,10 @@ def misfits(edited: EditedFit, stated_m: Floats, order: SeriesOrder) -> Iterator
     if beyond:
         yield Doubt(
             FitStatus.MISFIT,
-            f"the residuals are far beyond their stated sigmas{floored}: {', '.join(beyond)}; no model error explains "
-            f"more than {MAX_MISFIT_RATIO:g} times: look for a wrong station, target (an orbiter needs a trajectory or "
-            "dynamics) or sign, for outliers among few observations, a term switched off, or a "
-            "considered parameter to estimate",
+            f"the residuals are far beyond their stated sigmas{floored}: {', '.join(beyond)}; errors of the model "
+            f"explain up to {MAX_MISFIT_RATIO:g} times. If no likely cause is named, look for a wrong station, target "
+            "(an orbiter needs a trajectory or dynamics) or sign, for outliers among few observations, a term switched "
+            "off, or a considered parameter to estimate",
         )
 
 
@@ -182,13 +182,10 @@ def search_hints(study: Study, estimate: LocatedEstimate, away_m: float, *, conv
         if not converged:
             command = f"`radioloc search {study.path or 'STUDY.toml'}`"
             yield f"{command} looks for manoeuvres that the study does not state"
-    elif (
-        estimate.trajectory is None
-        and estimate.position_estimated
-        and (not converged or away_m > MAX_START_DISTANCE_M)
-    ):
+    elif estimate.trajectory is None and estimate.position_estimated and away_m > MAX_START_DISTANCE_M:
         yield (
-            f"the fit ended {away_m / 1e3:.3g} km from the a-priori position: give a better one in [target]"
+            f"the fit ended {away_m / 1e3:.0f} km from the a-priori position: check its unit, signs and order (degrees "
+            "east and north), or give a better one in [target]"
         )
 
 
@@ -218,7 +215,7 @@ def coordinate_doubts(
             stated = "it does not see the target" if np.isinf(given_m) else f"{1e-3 * given_m:.0f} km"
             yield (
                 f"WARNING: with {mistake}, observations of {name} fit an a-priori position to {1e-3 * rms_m:.3g} km "
-                f"(as given: {stated}): check itrf_m of [stations.{name}]"
+                f"(as given: {stated}): check the coordinates in [stations.{name}]"
             )
 
 

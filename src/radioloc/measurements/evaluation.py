@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -25,10 +25,10 @@ _SAMPLE_COUNT = 20  # observations by which delays of media are compared
 _MIN_INTERPOLATED_COUNT = 5000  # fewer are computed in a second, about the time to load compiled code
 
 
-def _warn_of_second_troposphere(
+def second_tropospheres(
     model: PhysicalModel, observations: Observations, motions: MotionsLike, targets: Sequence[str]
-) -> None:
-    """Warn of a registered medium with delays within a factor of two of the built-in troposphere's."""
+) -> Iterator[str]:
+    """Yield a warning for each added medium with delays within a factor of two of the built-in troposphere's."""
     added = [medium.name for medium in model.media if medium.name not in _PACKAGED_MEDIA]
     if not (added and model.has("troposphere")):
         return
@@ -39,8 +39,7 @@ def _warn_of_second_troposphere(
     for name in added:
         if 0.5 < sum_m[name] / (sum_m["troposphere"] or np.inf) < 2.0:
             advice = f'switch one off: [model] off = ["troposphere"] or ["{name}"]'
-            text = f"medium {name} delays signals as much as the built-in troposphere, and both are applied"
-            warnings.warn(f"{text}; {advice}", PluginWarning, stacklevel=3)
+            yield f"medium {name} delays signals as much as the built-in troposphere, and both are applied; {advice}"
 
 
 def prepare_predictor(
@@ -108,7 +107,8 @@ def prepare_predictor(
         simple, parts = expanded(observations)
         inner = prepare_predictor(model, simple, all_motions, evaluation, targets, more_partials)
         return CombinedPredictor(observations, parts, inner)
-    _warn_of_second_troposphere(model, observations, all_motions, targets)
+    for text in second_tropospheres(model, observations, all_motions, targets):
+        warnings.warn(text, PluginWarning, stacklevel=2)
     sparse = len(observations) < _MIN_INTERPOLATED_COUNT
     exact = evaluation == "exact" or has_spacecraft or (evaluation == "auto" and sparse)
     series = None if exact else DenseSeries(model, observations, more_partials)

@@ -22,6 +22,7 @@ from radioloc.measurements.link import Link
 from radioloc.measurements.ramps import Ramps
 from radioloc.measurements.registry import KINDS, MEASUREMENTS, TIME_TAGS, is_integrated, kind_of
 from radioloc.measurements.table_columns import (
+    FILE_COLUMNS,
     MIN_RANGE_RATE_M_S,
     RELATIVE_STEP,
     UNITS,
@@ -432,11 +433,11 @@ class Observations:
         row = int(np.argmax(wrong))
         words = {"path": self.links[self.link[row]].path, "time_tag": TIME_TAGS[self.tag[row]]}
         value = words.get(name) or f"{getattr(self, name)[row]:g}"
-        problem = f"{name}: expected {expected}, got {value}"
+        problem = f"expected {expected}, got {value}"
         source = self.files[self.file[row]]
         if source == _IN_MEMORY:
-            raise InputError(f"observation {row + 1}: {problem}")
-        raise FileFormatError(source, problem, int(self.line[row]))
+            raise InputError(f"observation {row + 1}: {name}: {problem}")
+        raise FileFormatError(source, f"{FILE_COLUMNS.get(name, name)}: {problem}", int(self.line[row]))
 
 
 def _frozen(observations: Observations) -> Observations:

@@ -89,8 +89,15 @@ UNITS = {
 """Units of the columns of numbers in the notation of astropy."""
 
 _ALL_COLUMNS = (*COLUMNS, *SPLIT_EPOCH)
-_ALIASES = {"value_m": "observed_m"}  # names of tables in memory by those of files
+FILE_COLUMNS = {"value_m": "observed_m"}  # names of tables in memory by those of files
 _ORIGIN = ("file", "line")
+_ROUND_TRIP_FACTORS = {
+    2.0: "half of the round trip",
+    0.5: "twice the round trip",
+    1e3: "in kilometres",
+    2e3: "in kilometres, one way",
+    1e-3: "in milliseconds or millimetres",
+}
 _TABLE = "table"
 _TEXTS: dict[str, tuple[str, type[np.integer]]] = {
     "type": ("kind", np.int8),
@@ -150,9 +157,9 @@ def require_lunar_flight_times(
     row = int(np.argmax(wrong))
     time_s = float(flight_s[row])
     advice = "remove or correct it"
-    for factor, ratio in ((2.0, "half of"), (0.5, "twice")):
+    for factor, mistake in _ROUND_TRIP_FACTORS.items():
         if low < factor * time_s < high:
-            advice = f"it is {ratio} a round trip, which is expected"
+            advice = f"it is {mistake}: give the round trip in metres, or its light time in seconds"
     problem = f"time of flight: expected {low} to {high} s between Earth and Moon, got {time_s!r} s; {advice}"
     raise FileFormatError(path, problem, int(line[row]))
 
@@ -260,7 +267,7 @@ class ColumnReader:
                 text = texts[place].as_py()
                 codes[place] = self._code(name, text_of_cell(text) if self._as_text else text)
             except InputError as error:
-                self._fail(name, int(np.argmax(places == place)), str(error))
+                self._fail(name, int(np.argmax(places == place)), str(error).removeprefix("path: "))
         return codes[places]
 
     def _unique_texts(self, name: str, column: Any, expected: str) -> tuple[Indices, Any]:
@@ -347,16 +354,18 @@ def columns_of_table(
     n = len(next(iter(table_columns.values()), ((),))[0])
     arrays: dict[str, Any] = {}
     for column, name in names.items():
-        arrays |= _arrow(_ALIASES.get(column, column), *table_columns[name], units.get(name))
+        arrays |= _arrow(FILE_COLUMNS.get(column, column), *table_columns[name], units.get(name))
     for column, value in constants.items():
         if column in names:
             raise InputError(f"{column}: expected a column of the table or a constant, got both")
         repeated = value * np.ones(n) if hasattr(value, "unit") else np.full(n, value)
         if isinstance(value, str) and "{" in value:
             repeated = _filled(column, value, table_columns)
-        arrays |= _arrow(_ALIASES.get(column, column), repeated, _unit(value), None)
+        arrays |= _arrow(FILE_COLUMNS.get(column, column), repeated, _unit(value), None)
     require_columns(_TABLE, list(arrays), split_epoch=True)
-    single = [_ALIASES.get(k, k) for k, name in names.items() if is_single_precision(table_columns[name][0])]
+    single = [
+        FILE_COLUMNS.get(k, k) for k, name in names.items() if is_single_precision(table_columns[name][0])
+    ]
     reader = ColumnReader(_TABLE, catalogue, single_precision=single)
     if n:
         reader.read(arrays, np.arange(1, n + 1, dtype=np.int32))
@@ -422,7 +431,7 @@ def _unit(column: Any) -> str:
 
 def _chosen(table_columns: Mapping[str, Any], columns: Mapping[str, str] | None) -> dict[str, str]:
     """Return the names of columns in the table by the names here."""
-    choices = (*_ALL_COLUMNS, *_ALIASES)
+    choices = (*_ALL_COLUMNS, *FILE_COLUMNS)
     names = dict(columns or {})
     for column, name in names.items():
         if column not in choices:
@@ -502,7 +511,8 @@ def as_column(name: str, values: ArrayLike, n: int, dtype: Any = np.float64) -> 
     mask = getattr(values, "mask", None)  # NumPy drops it with the unit
     if name in UNITS:
         values = in_unit(values, UNITS[name], name)
-    array = np.asarray(getattr(values, "unmasked", values), dtype=dtype)
+    values = getattr(values, "unmasked", values)
+    array = as_float_array(values, UNITS[name], name) if name in UNITS else np.asarray(values, dtype=dtype)
     if isinstance(mask, np.ndarray | np.bool_) and np.any(mask):
         if dtype is not np.float64:
             raise InputError(f"{name}: masked entries; remove their rows")

@@ -206,7 +206,7 @@ def text_table(heading: Sequence[str], rows: Iterable[Sequence[str]], width: int
     numbers = sum(2 + max(map(len, column)) for column in list(zip(heading, *rows, strict=True))[1:])
     width = max(width, numbers + _MIN_NAME_CHARACTERS)
     for name, *cells in rows:
-        shown = name if len(name) <= width - numbers else name.replace(".", ".\n", 1)
+        shown = name if len(name) <= width - numbers else re.sub(r"\.(?=[^\d ])", ".\n", name, count=1)
         table.add_row(*map(Text, (shown, *cells)))
     console = Console(file=io.StringIO(), width=width, color_system=None, force_jupyter=False)
     with console.capture() as capture:

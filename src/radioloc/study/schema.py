@@ -8,6 +8,7 @@ from __future__ import annotations
 import dataclasses
 import difflib
 import math
+import re
 import sys
 import tomllib
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
@@ -364,7 +365,8 @@ def toml_content(path: Path) -> dict[str, object]:
     try:
         content = sys.stdin.buffer.read() if path == STDIN else path.read_bytes()
         # Some editors write a byte order mark, which TOML forbids.
-        return tomllib.loads(content.decode("utf-8-sig"))
+        text = content.decode("utf-8-sig")
+        return tomllib.loads(text)
     except FileNotFoundError:
         raise InputError(f"{path}: no such study file; check the name and the directory") from None
     except IsADirectoryError:
@@ -376,7 +378,10 @@ def toml_content(path: Path) -> dict[str, object]:
             f"{path}: byte 0x{error.object[error.start]:02x} is not UTF-8; save the study file as UTF-8"
         ) from None
     except (ValueError, RecursionError) as error:  # TOMLDecodeError is a ValueError
-        raise InputError(f"{path}: not valid TOML: {error}") from None
+        place = re.search(r"\(at line (\d+)", str(error))
+        line = text.split("\n")[int(place[1]) - 1].strip() if place else ""
+        quoted = f": {line[:_MAX_SHOWN_CHARACTERS]!r}" if line else ""
+        raise InputError(f"{path}: not valid TOML: {error}{quoted}") from None
 
 
 @dataclass(frozen=True, slots=True)

@@ -196,9 +196,14 @@ def corrupted(ranges, name):
     """Return ranges with a mistake of users, and the sentence that names it."""
     epoch, at = ranges.epoch, np.array([path.endswith(">DSS-14") for path in ranges.paths()])
     match name:
-        case "TAI":
-            later = Epochs(epoch.jd, epoch.fraction + 37.0 / 86400.0, "UTC")
-            return replace(ranges, epoch=later), "the time tags of all stations are TAI, not UTC (37 s ahead)"
+        case "TAI" | "GPS time":
+            ahead_s = 37.0 if name == "TAI" else 18.0
+            later = Epochs(epoch.jd, epoch.fraction + ahead_s / 86400.0, "UTC")
+            sentence = f"the time tags of all stations are {name}, not UTC ({ahead_s:g} s ahead)"
+            return replace(ranges, epoch=later), sentence
+        case "local":
+            later = Epochs(epoch.jd, epoch.fraction + 8.0 / 24.0, "UTC")
+            return replace(ranges, epoch=later), "the time tags of all stations are in local time, UTC+8 h"
         case "late":
             later = Epochs(epoch.jd, epoch.fraction + at / 86400.0, "UTC")
             return replace(ranges, epoch=later), "the time tags of DSS-14 are 1 s late"
@@ -221,7 +226,10 @@ def corrupted(ranges, name):
     "name",
     [
         "half",
-        *(pytest.param(name, marks=pytest.mark.slow) for name in ("TAI", "late", "reception", "exchanged")),
+        *(
+            pytest.param(name, marks=pytest.mark.slow)
+            for name in ("TAI", "GPS time", "local", "late", "reception", "exchanged")
+        ),
     ],
 )
 def test_mistakes_of_users_are_named(tmp_path, name):

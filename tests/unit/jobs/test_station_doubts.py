@@ -41,12 +41,13 @@ def notes(folder, place, name="OURS"):
         (f"itrf_m = [{X}, {Z}, {Y}]", "with y and z exchanged"),  # sees it, 400 km off
         (f"itrf_m = [{X}, {Y}, {-Z}]", "with the other sign of z"),
         ("longitude_deg = -76.71\nlatitude_deg = 38.42\nheight_m = 1200.0", "with the other sign of y"),
+        ("longitude_deg = 1.338842\nlatitude_deg = 0.670485\nheight_m = 1270.0", "in degrees, not radians"),
         ("longitude_deg = 38.42\nlatitude_deg = 76.71\nheight_m = 1200.0", "longitude and latitude exch"),
     ],
 )
 def test_exchanged_coordinates_are_recognised(tmp_path, place, mistake):
     output = notes(tmp_path, place)
-    assert "check itrf_m of [stations.OURS]" in output
+    assert "check the coordinates in [stations.OURS]" in output
     assert mistake in output
 
 

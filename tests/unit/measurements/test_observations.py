@@ -116,7 +116,7 @@ def test_arrays_are_read_only_copies():
 @pytest.mark.parametrize(
     ("changes", "line", "words"),
     [
-        ({"value_m": [7e8, np.nan, 7e8, 7e8]}, 11, "value_m: .* got nan"),
+        ({"value_m": [7e8, np.nan, 7e8, 7e8]}, 11, "observed_m: .* got nan"),
         ({"sigma_m": [1.0, 1.0, 1.0, 0.0]}, 13, "sigma_m: .* got 0"),
         ({"temperature_k": 20.0}, 10, "temperature_k: .* got 20"),
         ({"pressure_hpa": 101325.0}, 10, "100 to 1100"),

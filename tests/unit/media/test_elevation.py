@@ -85,3 +85,10 @@ def test_second_troposphere_is_warned_of_once(zenith_m, count, restored_registri
     for terms in (model, model.without("second"), model.without("troposphere")):
         prepare_predictor(terms, ranges, place)
     assert [warning.category for warning in recwarn] == [PluginWarning] * count
+
+
+def test_second_troposphere_is_a_note_of_the_result(restored_registries):
+    radioloc.register(ElevationDelay("second", lambda elevation_rad: 2.4 / np.sin(elevation_rad)))
+    with pytest.warns(PluginWarning):
+        solution = radioloc.locate(EXAMPLES / "change5" / "short_arc.toml")
+    assert any('off = ["troposphere"] or ["second"]' in note for note in solution.notes)

@@ -201,6 +201,7 @@ def test_a_study_without_files_is_for_observations_made_in_python(content, read)
     [
         ("", "[target] is missing"),
         ("a = " + "9" * 5000, "not valid TOML"),
+        (TARGET.replace("3.5", "3,5"), "'longitude_deg = 3,5'"),
         (TARGET.replace("target", "taget") + FILES, "did you mean 'target'?"),
     ],
 )

@@ -301,9 +301,8 @@ class _GrossErrorSearch:
         hypothesis, score_test = test.hypothesis, test.score_test
         shift_m = sigma_m = None
         if self.enu_partials is not None:
-            width = self.enu_partials.shape[1]
-            shift_m = tuple((self.enu_partials @ score_test.shift[:width]).tolist())
-            root_m = self.enu_partials @ score_test.shift_root_covariance[:width]
+            shift_m = tuple((self.enu_partials @ score_test.shift).tolist())
+            root_m = self.enu_partials @ score_test.shift_root_covariance
             sigma_m = tuple(np.linalg.norm(root_m, axis=1).tolist())
         amounts, data_values = dict[str, float](), dict[str, float]()
         if not test.is_group:

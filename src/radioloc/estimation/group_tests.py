@@ -51,8 +51,8 @@ class ScoreTest:
     dof: int
     estimate: Floats  # (k,), coefficients of the columns
     root: Floats  # (k, dof), square root of their covariance
-    shift: Floats  # (c,), change of the parameters
-    shift_root_covariance: Floats  # (c, dof), that of the shift under the null hypothesis
+    shift: Floats  # (q,), change of the estimated parameters
+    shift_root_covariance: Floats  # (q, dof), that of the shift under the null hypothesis
     log_p_value: float  # logarithm of the p-value
     variance_factor: float = 1.0  # variance factor of the common errors of links
 
@@ -72,24 +72,31 @@ class BinnedProblem:
     roots: tuple[Floats, ...]  # L of each series of points, V^-1 = L^T L
     white: tuple[float, ...] = ()  # white variance of each series
 
-    @cached_property
-    def _rows_and_weighted(self) -> tuple[Floats, Any, Any]:
-        """Whitened residuals (n + k,) and partials (n + k, c); both times V^-1, (n + k, 1 + c).
-
-        Matrices of many parameters are sparse.
-        """
+    @property
+    def _rows(self) -> Any:
+        """Residuals and partials (n + k, 1 + c), sparse of many parameters."""
         from scipy.sparse import csr_array
 
-        whitened = np.concatenate([np.column_stack([self.points.residual, self.points.unit]), self.prior])
+        rows = np.concatenate([np.column_stack([self.points.residual, self.points.unit]), self.prior])
+        return csr_array(rows) if rows.shape[1] > MAX_DENSE_PARAMETERS else rows
+
+    @cached_property
+    def _rows_and_weighted(self) -> tuple[Floats, Any, Any]:
+        """Whitened residuals (n + k,) and partials (n + k, c); both times V^-1, (n + k, 1 + c)."""
+        from scipy.sparse import block_diag, eye_array
+
+        whitened = self._rows
+        if not isinstance(whitened, np.ndarray):
+            others = eye_array(whitened.shape[0] - sum(map(len, self.roots)))
+            root = block_diag([*self.roots, others], format="csr")
+            whitened = root @ whitened
+            return whitened[:, [0]].toarray()[:, 0], whitened[:, 1:], root.T @ whitened
         weighted = whitened.copy()
         for k, root in enumerate(self.roots):
             part = self.points.series_slice(k)
             whitened[part] = root @ whitened[part]
             weighted[part] = root.T @ whitened[part]
-        residual, partials = whitened[:, 0].copy(), whitened[:, 1:]
-        if partials.shape[1] > MAX_DENSE_PARAMETERS:
-            return residual, csr_array(partials), csr_array(weighted)
-        return residual, partials, weighted
+        return whitened[:, 0], whitened[:, 1:], weighted
 
     @property
     def whitened(self) -> Any:
@@ -100,6 +107,11 @@ class BinnedProblem:
     def weighted(self) -> Any:
         """Residuals and partials times V^-1, (n + k, 1 + c)."""
         return self._rows_and_weighted[2]
+
+    @property
+    def estimated_count(self) -> int:
+        """Number of estimated parameters, the first of all."""
+        return self.values.shape[1] - 1
 
     @cached_property
     def inverse(self) -> Floats:
@@ -170,8 +182,7 @@ class BinnedProblem:
         """Return the problem with the noise of each series, white by default."""
         # The variance is larger if the whitened residuals of the series are still correlated.
         points, roots, white = self.points, list[Floats](), list[float]()
-        partials = np.concatenate([points.unit, self.prior[:, 1:]])
-        leverage = np.einsum("nc,cn->n", points.unit, _solution(partials, points.unit.T))
+        leverage = np.einsum("nc,cn->n", points.unit, _solution(self._rows[:, 1:], points.unit.T))
         absorbed = np.add.reduceat(leverage, points.begin[:-1]).tolist()
         for k, series in enumerate(points.series):
             part = points.series_slice(k)
@@ -216,7 +227,7 @@ class BinnedProblem:
         """
         indices, place, _ = self._rows_of(links, span_s)
         rows, index = np.unique(place, return_inverse=True)
-        values = np.zeros((len(rows), self.values.shape[1] - 1))
+        values = np.zeros((len(rows), self.estimated_count))
         np.add.at(values, index, self.values[indices, 1:])
         series = np.searchsorted(self.points.begin, rows, side="right") - 1
         squares = np.zeros(values.shape[1])
@@ -402,11 +413,13 @@ class ScoreProducts:
         root = scale[:, None] * axes[:, determined] / np.sqrt(values[determined])
         components = root.T @ score
         estimate, shift = root @ components, -gain @ root @ components
+        width = self.problem.estimated_count
         chi2, dof, inflation = float(components @ components), int(determined.sum()), 1.0
         if links:  # errors of a station are common to its baselines
             inflation = self.problem.inflation(links, shift, self.whitened[:, columns] @ estimate)
         log_p_value = chi2_log_p_value(chi2 / inflation, dof)
-        return ScoreTest(chi2, dof, estimate, root, shift, gain @ root, log_p_value, inflation)
+        of_shift = gain[:width] @ root
+        return ScoreTest(chi2, dof, estimate, root, shift[:width].copy(), of_shift, log_p_value, inflation)
 
     def noise_dof(self, estimate: Floats) -> float:
         """Degrees of freedom of the variance of the estimated coefficients of all columns."""
@@ -415,13 +428,13 @@ class ScoreProducts:
 
 
 def estimate_change(fitted: BinnedProblem, changed: BinnedProblem) -> tuple[Floats, Floats]:
-    """Change of c parameters from the fit to a problem with more of them, (c,), and the root of its covariance.
+    """Change of q estimated parameters from the fit to a problem with more, (q,), and the root of its covariance.
 
     The covariance is that of the difference of both linear estimates, with the noise of the second problem. The first
     has the weights of the fit.
     """
-    count = len(fitted.estimate)
-    effects = fitted.inverse @ fitted.weighted[:, 1:].T
+    count = fitted.estimated_count
+    effects = fitted.inverse[:count] @ fitted.weighted[:, 1:].T
     for k, root in enumerate(changed.roots):
         part = changed.points.series_slice(k)
         effects[:, part] = np.linalg.solve(root.T, effects[:, part].T).T
@@ -454,12 +467,10 @@ def _normal(rows: Any) -> Floats:
 
 def _solution(rows: Any, side: Floats) -> Floats:
     """Solve the normal equations of rows (n, c), sparse if there are many parameters."""
-    from scipy.sparse import csr_array
     from scipy.sparse.linalg import splu
 
-    if rows.shape[1] <= MAX_DENSE_PARAMETERS:
+    if isinstance(rows, np.ndarray):
         return np.asarray(_scaled_inverse(gram(rows, rows)) @ side)
-    rows = csr_array(rows)
     return np.asarray(splu((rows.T @ rows).tocsc()).solve(side))
 
 

@@ -109,7 +109,7 @@ def assess_reliability(
                 sizes = np.linalg.svd(item.sigmas[:, None] * test.root[:, revealed], compute_uv=False)
                 result = replace(result, minimal=length * float(sizes[-1]))
                 if enu_by_unit is not None:
-                    root_m = enu_by_unit @ test.shift_root_covariance[:width, revealed]
+                    root_m = enu_by_unit @ test.shift_root_covariance[:, revealed]
                     result = replace(result, shift_m=length * _largest_singular_value(root_m))
         results.append(result)
     return tuple(results)

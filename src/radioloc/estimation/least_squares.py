@@ -172,12 +172,12 @@ class FitResult:
     def leverage(self, rows: Rows) -> Floats:
         """Return the leverages of some observations (m,) by their stated sigmas, shape (m,)."""
         polynomials, unit_partials = smooth_partials(self.linearization), self.unit_partials()
+        parts = (rows[part] for part in slices(len(rows)))
         if polynomials is None:
-            parts = [np.square(unit_partials(rows[part])).sum(axis=1) for part in slices(len(rows))]
-            squares = np.concatenate([np.zeros(0), *parts])
+            squares = [np.square(unit_partials(part)).sum(axis=1) for part in parts]
         else:
-            squares = polynomials.squares(rows, self._root_covariance())
-        return squares / self.sigma_m[rows] ** 2
+            squares = list(map(polynomials.squares(self._root_covariance()), parts))
+        return np.concatenate([np.zeros(0), *squares]) / self.sigma_m[rows] ** 2
 
     def whitened_unit_partials(self, directions: Floats | None = None) -> Iterator[Floats]:
         """Yield L A P^(1/2) D of the used observations, part by part, as :meth:`unit_partials`."""

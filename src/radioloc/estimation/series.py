@@ -232,7 +232,7 @@ def binned_partials(series: IndependentSeries, rows_of: RowsOf) -> Floats:
     for structure, part, rows, bin_of in _binned_parts(series):
         if isinstance(structure, Diagonal | Blocks):
             chosen, weight = _sampled(bin_of[:, 0])
-            sample = structure.select(np.arange(len(structure.rows))[part][chosen])
+            sample = structure.select(part.start + chosen)
             values = sample.whiten(slice(None), rows_of(sample.rows.ravel()))
             if weight.max() > 1.0:
                 values *= np.repeat(weight, rows.shape[1])[:, None]

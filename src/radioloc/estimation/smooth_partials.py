@@ -21,13 +21,14 @@ from numpy.typing import NDArray
 from radioloc.labels import changed
 from radioloc.measurements.predictor import ROWS_AT_ONCE
 from radioloc.noise.processes import KalmanFilter
-from radioloc.noise.whitening import Blocks, Diagonal, Rows, RowsOf, Structure, StructuredWhitener, column
-from radioloc.vectors import Floats, Mask
+from radioloc.noise.whitening import Blocks, Diagonal, Rows, RowsOf, Structure, StructuredWhitener
+from radioloc.vectors import Floats, Indices, Mask
 
 _CELL_S = 256.0  # 1.1 degrees of the Earth's rotation, 13 degrees of a low lunar orbit
 _COUNT = 6  # coefficients; the remainder is 1e-9 of the partials along a low lunar orbit
 _MIN_ROWS = 2 * _COUNT  # of a cell
 _MIN_COVERAGE = 0.6  # part of a cell with observations, so that the polynomials are nearly orthogonal
+_DENSE_ROWS_AT_ONCE = 2**16  # whose columns fit the cache of a processor
 _TOLERANCE = 1e-9  # of the polynomials, relative to the largest partial by a parameter
 
 
@@ -81,10 +82,10 @@ class SmoothPartials:
             coefficients.append(np.linalg.inv(basis[:, :-1]) @ values[:, :-1])
             errors.append(np.abs((basis[:, -1:] @ coefficients[-1])[:, 0] - values[:, -1]))
             largest = np.maximum(largest, np.abs(values).max(axis=(0, 1), initial=0.0))
-        is_precise = np.append((np.concatenate(errors) <= _TOLERANCE * largest).all(axis=1), False)
-        return cls(
-            cells, partials, np.concatenate(coefficients), np.where(is_precise[cells.cell], cells.cell, -1)
-        )
+        is_precise: Mask = np.all(np.concatenate(errors) <= _TOLERANCE * largest, axis=1)
+        numbers = np.append(np.where(is_precise, np.arange(len(is_precise)), -1), -1)
+        cell = cells.cell if is_precise.all() else numbers[cells.cell]
+        return cls(cells, partials, np.concatenate(coefficients), cell)
 
     def combined(self, matrix: Floats) -> RowsOf:
         """Return the function from rows (m,) to partials times a matrix (p, w), shape (m, w)."""
@@ -100,16 +101,20 @@ class SmoothPartials:
 
         return rows_of
 
-    def squares(self, rows: Rows, root: Floats) -> Floats:
-        """Return the sums of the squares of partials times a root (p, w), shape (m,)."""
+    def squares(self, root: Floats) -> RowsOf:
+        """Return the function from rows (m,) to sums of the squares of partials times a root (p, w), shape (m,)."""
         products = self.coefficients @ root
         matrices = products @ np.swapaxes(products, 1, 2)
-        cell, basis = self.cell[rows], self.cells.basis(rows)
-        out = np.einsum("nd,nd->n", np.einsum("nd,nde->ne", basis, matrices[cell]), basis)
-        single_rows = np.flatnonzero(cell < 0)
-        if len(single_rows):
-            out[single_rows] = np.square(self.partials(rows[single_rows]) @ root).sum(axis=1)
-        return out
+
+        def rows_of(rows: Rows) -> Floats:
+            cell, basis = self.cell[rows], self.cells.basis(rows)
+            out = np.einsum("nd,nd->n", np.einsum("nd,nde->ne", basis, matrices[cell]), basis)
+            single_rows = np.flatnonzero(cell < 0)
+            if len(single_rows):
+                out[single_rows] = np.square(self.partials(rows[single_rows]) @ root).sum(axis=1)
+            return np.asarray(out)
+
+        return rows_of
 
     def condensed(
         self, structures: Sequence[Structure], noise: KalmanFilter | None, residual_m: Floats, free: Rows
@@ -135,12 +140,10 @@ class SmoothPartials:
                 scale = np.ones(structure.rows.size) if noise is None else noise.scale[part]
                 yield from smooth._independent(structure, scale, residual_m, rows_of)
 
-    def _groups(self, structure: Diagonal | Blocks) -> tuple[Rows, Mask]:
-        """Numbers of successive blocks of a structure in one cell, (g,), and whether polynomials represent them."""
-        members = structure.rows.reshape(len(structure.rows), -1)
+    def _groups(self, members: Rows, which: Indices | None = None) -> tuple[Rows, Mask]:
+        """Numbers of successive blocks (b, k) in one cell, (g,), and whether polynomials represent them."""
         cell = self.cell[members]
-        which = structure.which if isinstance(structure, Blocks) else np.zeros(len(cell))
-        starts = np.flatnonzero(changed(cell, which))
+        starts = np.flatnonzero(changed(cell) if which is None else changed(cell, which))
         counts, argument = np.diff(starts, append=len(cell)), self.cells.argument[members[:, 0]]
         covered = argument[starts + counts - 1] - argument[starts] >= 2.0 * _MIN_COVERAGE
         return counts, (cell[starts] >= 0).all(axis=1) & (counts >= _MIN_ROWS) & covered
@@ -149,22 +152,34 @@ class SmoothPartials:
         self, structure: Diagonal | Blocks, scale: Floats, residual_m: Floats, rows_of: RowsOf
     ) -> Iterator[Floats]:
         """Condense independent blocks of k observations, whose whitened values are multiplied by a scale."""
-        scale = scale.reshape(len(structure.rows), -1)
-        if isinstance(structure, Diagonal):
-            order = np.argsort(self.cell[structure.rows], kind="stable")
-            structure, scale = structure.select(order), scale[order]
-        counts, smooth = self._groups(structure)
+        blocks, scale = (
+            structure.rows.reshape(len(structure.rows), -1),
+            scale.reshape(len(structure.rows), -1),
+        )
+        if isinstance(structure, Blocks):
+            order, which = np.arange(len(blocks)), structure.which
+        else:
+            order, which = np.argsort(self.cell[structure.rows], kind="stable"), None
+        counts, smooth = self._groups(blocks[order], which)
         mask, begin = np.repeat(smooth, counts), 0
-        for values in StructuredWhitener(len(self.cell), (structure.select(~mask),)).whitened(rows_of):
-            yield values * scale[~mask].ravel()[begin : (begin := begin + len(values)), None]
-        if not smooth.any():
-            return
-        dense, scale = structure.select(mask), scale[mask]
+        for values in StructuredWhitener(len(self.cell), (structure.select(order[~mask]),)).whitened(rows_of):
+            yield values * scale[order[~mask]].ravel()[begin : (begin := begin + len(values)), None]
+        order, counts = order[mask], counts[smooth]
+        ends = np.cumsum(counts)
+        cuts = np.flatnonzero(np.diff(ends * blocks.shape[1] // _DENSE_ROWS_AT_ONCE)) + 1
+        for part in np.split(np.arange(len(counts)), cuts) if len(counts) else ():
+            rows = order[ends[part[0]] - counts[part[0]] : ends[part[-1]]]
+            yield from self._dense_rows(structure.select(rows), counts[part], scale[rows], residual_m)
+
+    def _dense_rows(
+        self, dense: Diagonal | Blocks, counts: Rows, scale: Floats, residual_m: Floats
+    ) -> Iterator[Floats]:
+        """Condense groups of blocks that polynomials represent; `counts` (g,) are the numbers of their blocks."""
         members = dense.rows.reshape(len(dense.rows), -1)
-        whitened = [column[:, 0] for column in StructuredWhitener(0, (dense,)).whitened(column(residual_m))]
-        residual = np.concatenate(whitened).reshape(members.shape) * scale
+        whitened = dense.whiten(slice(None), residual_m[members.ravel()][:, None])
+        residual = whitened.reshape(members.shape) * scale
         basis = self.cells.basis(members[:, 0])
-        first = np.cumsum(counts[smooth]) - counts[smooth]
+        first = np.cumsum(counts) - counts
         if isinstance(dense, Blocks):
             roots = dense.roots[dense.which[first]] * scale[first][:, :, None]
         else:
@@ -177,13 +192,11 @@ class SmoothPartials:
         # Legendre polynomials are nearly orthogonal: normal equations of a cell lose no digits.
         factor = np.linalg.cholesky(products[:, :, :_COUNT], upper=True)
         right_side = np.linalg.solve(np.swapaxes(factor, 1, 2), products[:, :, _COUNT:])
-        at_once = ROWS_AT_ONCE // (_COUNT * members.shape[1])
-        for groups in (slice(k, k + at_once) for k in range(0, len(first), at_once)):
-            coefficients = self.coefficients[self.cell[members[first[groups]]]]
-            for k in range(members.shape[1]):
-                combined = np.einsum("gl,gldp->gdp", roots[groups, k], coefficients)
-                rows = np.concatenate([factor[groups] @ combined, right_side[groups, :, k : k + 1]], axis=2)
-                yield rows.reshape(-1, rows.shape[2])
+        coefficients = self.coefficients[self.cell[members[first]]]
+        for k in range(members.shape[1]):
+            combined = np.einsum("gl,gldp->gdp", roots[:, k], coefficients)
+            rows = np.concatenate([factor @ combined, right_side[:, :, k : k + 1]], axis=2)
+            yield rows.reshape(-1, rows.shape[2])
 
     def _filtered(
         self, structure: Structure, noise: KalmanFilter, part: slice, residual_m: Floats, rows_of: RowsOf
@@ -195,7 +208,7 @@ class SmoothPartials:
         residual = noise.innovations((residual_m[rows] * weight)[:, None], part)
         state = np.zeros((1, self.coefficients.shape[2]))
         end = 0
-        for count, smooth in zip(*self._groups(structure), strict=True):
+        for count, smooth in zip(*self._groups(rows[:, None]), strict=True):
             group = slice(end, end := end + count)
             filter_rows = slice(part.start + group.start, part.start + end)
             if not smooth:

@@ -140,18 +140,18 @@ def columns_of(
         ends_of_member: Mask = np.equal(owner, index)
         order = np.flatnonzero(_any_end(ends_of_member))
         order = order[np.argsort(since_s[order], kind="stable")]
-        number = np.full(len(rows), -1)
-        gaps = np.diff(since_s[order], prepend=since_s[order[:1]]) > 3600.0 * gap_h
-        number[order] = 0 if member in undivided else np.cumsum(gaps)
-        for k in np.flatnonzero(np.bincount(number[_any_end(acts & ends_of_member)])).tolist():
-            selected = np.equal(number, k)[:, None] & ends_of_member
-            code[selected] = len(names)
-            names.append(member if member in undivided else f"{member} {owners.count(member) + 1}".strip())
+        is_undivided = member in undivided
+        gaps = np.flatnonzero(np.diff(since_s[order]) > 3600.0 * gap_h) + 1
+        for rows_of_pass in [order] if is_undivided else np.split(order, gaps):
+            ends = ends_of_member[rows_of_pass]
+            acting = rows_of_pass[_any_end(acts[rows_of_pass] & ends)]
+            if not len(acting):
+                continue
+            code[rows_of_pass] = np.where(ends, len(names), code[rows_of_pass])
+            names.append(member if is_undivided else f"{member} {owners.count(member) + 1}".strip())
             owners.append(member)
-            acting = np.flatnonzero(_any_end(selected & acts))
-            ends = acting[[int(since_s[acting].argmin()), int(since_s[acting].argmax())]]
-            first, last = utc_strings(predictor.observations.epoch[ends], decimals=0)
-            spans.append(None if member in undivided else (str(first), str(last)))
+            first, last = utc_strings(predictor.observations.epoch[acting[[0, -1]]], decimals=0)
+            spans.append(None if is_undivided else (str(first), str(last)))
     return Columns(kind, scope, tuple(names), tuple(owners), tuple(spans), code)
 
 

@@ -145,7 +145,7 @@ class ObservationModel:
             of_kinds = np.append(np.zeros(first), x[first:])[:, None]
             effects = None if design.smooth is None else design.smooth.combined(of_kinds)
             for part in slices(n):
-                rows = np.arange(n)[part]
+                rows = np.arange(part.start, min(part.stop, n))
                 if effects is None:
                     residual_m[part] -= design.partials(rows, of_kinds_only=True) @ x[first:]
                 else:

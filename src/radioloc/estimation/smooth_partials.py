@@ -140,10 +140,10 @@ class SmoothPartials:
                 scale = np.ones(structure.rows.size) if noise is None else noise.scale[part]
                 yield from smooth._independent(structure, scale, residual_m, rows_of)
 
-    def _groups(self, members: Rows, which: Indices | None = None) -> tuple[Rows, Mask]:
-        """Numbers of successive blocks (b, k) in one cell, (g,), and whether polynomials represent them."""
+    def _groups(self, members: Rows, codes: Indices | None = None) -> tuple[Rows, Mask]:
+        """Numbers of successive blocks (b, k) of one cell and code, (g,), and whether polynomials represent them."""
         cell = self.cell[members]
-        starts = np.flatnonzero(changed(cell) if which is None else changed(cell, which))
+        starts = np.flatnonzero(changed(cell) if codes is None else changed(cell, codes))
         counts, argument = np.diff(starts, append=len(cell)), self.cells.argument[members[:, 0]]
         covered = argument[starts + counts - 1] - argument[starts] >= 2.0 * _MIN_COVERAGE
         return counts, (cell[starts] >= 0).all(axis=1) & (counts >= _MIN_ROWS) & covered
@@ -152,15 +152,13 @@ class SmoothPartials:
         self, structure: Diagonal | Blocks, scale: Floats, residual_m: Floats, rows_of: RowsOf
     ) -> Iterator[Floats]:
         """Condense independent blocks of k observations, whose whitened values are multiplied by a scale."""
-        blocks, scale = (
-            structure.rows.reshape(len(structure.rows), -1),
-            scale.reshape(len(structure.rows), -1),
-        )
+        count = len(structure.rows)
+        blocks, scale = structure.rows.reshape(count, -1), scale.reshape(count, -1)
         if isinstance(structure, Blocks):
-            order, which = np.arange(len(blocks)), structure.which
+            order, codes = np.arange(len(blocks)), structure.which
         else:
-            order, which = np.argsort(self.cell[structure.rows], kind="stable"), None
-        counts, smooth = self._groups(blocks[order], which)
+            order, codes = np.argsort(self.cell[structure.rows], kind="stable"), None
+        counts, smooth = self._groups(blocks[order], codes)
         mask, begin = np.repeat(smooth, counts), 0
         for values in StructuredWhitener(len(self.cell), (structure.select(order[~mask]),)).whitened(rows_of):
             yield values * scale[order[~mask]].ravel()[begin : (begin := begin + len(values)), None]

@@ -104,8 +104,7 @@ class Residuals:
     @property
     def reasons(self) -> Labels:
         """:attr:`statuses` without the figures of single observations, such as elevations."""
-        texts = [_FIGURES.sub("", text).rstrip() for text in self.statuses.texts]
-        return Labels.coded(texts, self.statuses.codes)
+        return without_figures(self.statuses)
 
     @property
     def computed_m(self) -> Floats:
@@ -235,6 +234,11 @@ class FitStatistics:
             "robust_scale": self.robust_scale,
             **{key: {group.label: group.to_dict() for group in items} for key, items in groups.items()},
         }
+
+
+def without_figures(statuses: Labels) -> Labels:
+    """Return reasons of rejections without the figures of single observations, such as elevations."""
+    return Labels.coded([_FIGURES.sub("", text).rstrip() for text in statuses.texts], statuses.codes)
 
 
 def read_only(values: ArrayLike) -> Floats:

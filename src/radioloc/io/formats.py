@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import logging
 import re
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain, islice
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from radioloc.io.mini import read_mini
 from radioloc.io.odf import looks_like_odf, read_odf
 from radioloc.io.table import (
     RAMP_COLUMNS,
+    parquet_parts,
     read_parquet,
     read_ramps_only,
     read_table,
@@ -240,6 +242,30 @@ def read_observations(
         )
     joined = parts[0] if len(parts) == 1 else without_duplicates(Observations.concatenate(parts))
     return with_rounding_in_sigmas(_without_rereadings(joined))
+
+
+def read_in_parts(
+    paths: Sequence[str | Path],
+    rows_at_once: int,
+    *,
+    catalogue: StationCatalogue,
+    lunar: bool,
+    **settings: Any,
+) -> Iterator[Observations]:
+    """Yield the observations of files in parts; settings are those of :func:`read_observations`.
+
+    Parquet is read in parts. Other files are read together first.
+    """
+    other_files = list[str | Path]()
+    for path in paths:
+        if _reader_of(path) is not READERS["Parquet"]:
+            other_files.append(path)
+            continue
+        for part in parquet_parts(path, rows_at_once, catalogue=catalogue, lunar=lunar):
+            yield with_rounding_in_sigmas(part)
+    if other_files:
+        observations = read_observations(other_files, catalogue=catalogue, lunar=lunar, **settings)
+        yield from observations.parts(rows_at_once)
 
 
 def _without_rereadings(observations: Observations) -> Observations:

@@ -115,11 +115,23 @@ def read_parquet(
     path: str | Path, *, catalogue: StationCatalogue | None = None, lunar: bool = True
 ) -> Observations:
     """Read a Parquet file of observations; rows, counted from 1, serve as line numbers."""
+    [observations] = parquet_parts(path, None, catalogue=catalogue, lunar=lunar)
+    return observations
+
+
+def parquet_parts(
+    path: str | Path,
+    rows_at_once: int | None,
+    *,
+    catalogue: StationCatalogue | None = None,
+    lunar: bool = True,
+) -> Iterator[Observations]:
+    """Yield the observations of a Parquet file in parts of some number of rows, or all together."""
     import pyarrow
     from pyarrow import parquet
 
     require_file(path)
-    reader, row = ColumnReader(path, catalogue), 1
+    reader, row, begin = ColumnReader(path, catalogue), 1, 1
     try:
         with parquet.ParquetFile(path) as file:
             header = list(file.schema_arrow.names)
@@ -131,13 +143,17 @@ def read_parquet(
                     lines = np.arange(row, row + len(batch), dtype=np.int32)
                     reader.read(dict(zip(header, batch.columns, strict=True)), lines)
                 row += len(batch)
+                if rows_at_once is not None and row - begin >= rows_at_once:
+                    begin = row
+                    yield observations_from_columns(reader.columns(), lunar)
     except (pyarrow.ArrowException, OSError, UnicodeDecodeError) as error:
         [first, *_] = str(error).splitlines() or ["damaged"]
         reason = "".join(character for character in first if character.isprintable()).strip()
         raise FileFormatError(
             path, f"cannot be read as Parquet ({reason}); fetch or write it again"
         ) from error
-    return observations_from_columns(reader.columns(), lunar)
+    if row > begin or row == 1:
+        yield observations_from_columns(reader.columns(), lunar)
 
 
 def write_parquet(path: str | Path, observations: Observations) -> None:

@@ -43,6 +43,7 @@ _MAX_RELATIVE_OFFSET = 1e-4  # relative frequency offset of a simple quartz osci
 _NOTED_TERMS = ("ionosphere", "troposphere")  # electron content is considered, and a zenith delay has a note
 _RECORDED_KEYS = (
     "doppler_average_s",
+    "normal_point_s",
     "extra_sigma_m",
     "vlbi_station_sigma_m",
     "vlbi_station_rate_sigma_m",

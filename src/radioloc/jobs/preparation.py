@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import logging
 import math
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +18,9 @@ from radioloc.constants import SECONDS_PER_DAY
 from radioloc.dynamics import AdjustableOrbit
 from radioloc.ephemeris import EphemerisConstants
 from radioloc.errors import CoverageError, FileFormatError, InputError, require_type
-from radioloc.io.formats import read_observations
+from radioloc.estimation.statistics import without_figures
+from radioloc.io.formats import read_in_parts, read_observations
+from radioloc.jobs.normal_points import IntervalSums, interval_sums
 from radioloc.jobs.one_thread import on_one_blas_thread
 from radioloc.jobs.selection import select_observations, selected, with_target_names
 from radioloc.jobs.study_targets import position_in_pa, targets_in_pa
@@ -30,6 +34,7 @@ from radioloc.measurements.observations import Observations, without_duplicates
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.predictor import Predictor, blocks, reasons
 from radioloc.measurements.quantised import with_rounding_in_sigmas
+from radioloc.measurements.registry import is_integrated
 from radioloc.measurements.sources import read_sources
 from radioloc.measurements.target_motion import MotionLike, Motions, OrbitMotion
 from radioloc.media.csp import read_csp
@@ -49,6 +54,7 @@ from radioloc.time import Epochs, tt_to_tdb, utc_to_tt
 from radioloc.time.smooth import evaluate_smooth
 from radioloc.vectors import Floats, Indices
 
+_ROWS_AT_ONCE = 2**20  # of observations that are condensed; takes some 400 MB
 _EARTH_ELEVATION_MARGIN_DEG = 1.0  # change of the Earth's elevation between two of the epochs six hours apart
 
 
@@ -139,7 +145,11 @@ def prepared_arc(
     model = build_model(study) if model is None else model
     places = targets_in_pa(study, model)
     known_positions(study, model.ephemeris.constants)  # refuses wrong frames before the work
+    condensed = dict[str, int]()
+    if study.observations.normal_point_s is not None:
+        observations, condensed = _normal_points(study, observations, model, places)
     chosen, left_out = chosen_observations(study, observations, model)
+    left_out = dict(Counter(condensed) + Counter(left_out))
     with step(f"preparing {len(chosen)} observations"):
         predictor = _arc(study, model, chosen, places, orbits or {})
     logger.info("prepared the model for %d observations by %s", len(chosen), ", ".join(predictor.stations))
@@ -151,11 +161,12 @@ def planned_arc(
     study: Study, planned: Observations, model: PhysicalModel, orbits: Mapping[str, AdjustableOrbit]
 ) -> tuple[Predictor, dict[str, int], Indices]:
     """Return :func:`prepared_arc` of the planned observations that a study asks for, and their rows in the plan."""
-    if study.observations.doppler_average_s is not None:
-        raise InputError(
-            "[observations] doppler_average_s is of files; a schedule plans counts as they are used: leave it out "
-            "and give count_s in the sessions"
-        )
+    for key, session_key in (("doppler_average_s", "count_s"), ("normal_point_s", "step_s")):
+        if getattr(study.observations, key) is not None:
+            raise InputError(
+                f"[observations] {key} is of files; a schedule plans observations as they are used: leave it out "
+                f"and give {session_key} in the sessions"
+            )
     places = study.targets if len(study.targets) > 1 else ()
     mask, _ = selected(
         planned, study.observations, study.catalogue, places, model.sources, name=study.target_name
@@ -227,17 +238,7 @@ def chosen_observations(
     """Return the observations of a study, and the number of others by reason; errors as :func:`radioloc.locate`."""
     study.observations.require_transmitters()
     if observations is None:
-        if study.simulation is not None and not study.observations.files:
-            raise InputError(
-                f"{study.name}: the study has no observations, only a simulation; use `radioloc montecarlo`, or "
-                "`radioloc simulate` to make a file of observations and name it as [observations] files"
-            )
-        if not study.observations.files:
-            raise InputError(
-                f"{study.path or study.name}: [observations] files is missing; name at least one file (relative to the "
-                "study file, globs allowed)"
-            )
-        observations = read_as(study, study.observations.files, model)
+        observations = read_as(study, _files(study), model)
     else:
         require_type("observations", observations, Observations)
         observations = with_rounding_in_sigmas(without_duplicates(observations))
@@ -253,22 +254,94 @@ def chosen_observations(
     return with_uplinks(weighted, study.observations.uplinks, study.catalogue), left_out
 
 
+def _files(study: Study) -> tuple[Path, ...]:
+    """Return the files of observations of a study; none is an error."""
+    if study.simulation is not None and not study.observations.files:
+        raise InputError(
+            f"{study.name}: the study has no observations, only a simulation; use `radioloc montecarlo`, or "
+            "`radioloc simulate` to make a file of observations and name it as [observations] files"
+        )
+    if not study.observations.files:
+        raise InputError(
+            f"{study.path or study.name}: [observations] files is missing; name at least one file (relative to the "
+            "study file, globs allowed)"
+        )
+    return study.observations.files
+
+
 def read_as(study: Study, files: Sequence[str | Path], model: PhysicalModel | None = None) -> Observations:
     """Read observations from files with the stations and message settings of a study or its model.
 
     Errors as :func:`radioloc.locate`.
     """
-    # Delays of the model must not be subtracted a second time with those of a file.
-    tdm = replace(study.observations.tdm, modelled=(model or build_model(study)).delays)
-    observations = read_observations(
-        files,
-        catalogue=study.catalogue,
-        tdm=tdm,
-        lunar=bool(study.points),
-        frequencies=study.observations.frequencies,
-    )
+    observations = read_observations(files, **_reading(study, model))
     renamed = with_target_names(observations, study.observations.target_names)
     return observations if renamed is observations else without_duplicates(renamed)
+
+
+def _reading(study: Study, model: PhysicalModel | None) -> dict[str, Any]:
+    """Return the settings of readers."""
+    # Delays of the model must not be subtracted a second time with those of a file.
+    return {
+        "catalogue": study.catalogue,
+        "tdm": replace(study.observations.tdm, modelled=(model or build_model(study)).delays),
+        "lunar": bool(study.points),
+        "frequencies": study.observations.frequencies,
+    }
+
+
+def _normal_points(
+    study: Study, observations: Observations | None, model: PhysicalModel, places: Mapping[str, LunarPosition]
+) -> tuple[Observations, dict[str, int]]:
+    """Return normal points in place of the observations of a study, and the number of others by reason.
+
+    Doppler and delay rates stay as they are. Observations are read and condensed in parts.
+    """
+    choice, counts = study.observations, Counter[str]()
+    assert choice.normal_point_s is not None
+    if study.orbiters:
+        raise InputError(
+            "[observations] normal_point_s: expected targets on the Moon, got an orbit to be determined, from which "
+            "residuals do not change linearly in time; leave it out"
+        )
+    if observations is None:
+        parts = read_in_parts(_files(study), _ROWS_AT_ONCE, **_reading(study, model))
+    else:
+        parts = observations.parts(_ROWS_AT_ONCE)
+    sums, counted = list[IntervalSums](), list[Observations]()
+    for part in parts:
+        present = {canonical_target(name) for link in part.links for name in link.targets}
+        names = {old: new for old, new in choice.target_names.items() if canonical_target(old) in present}
+        part = with_target_names(part, names)
+        mask, left_out = selected(
+            part, choice, study.catalogue, study.targets, model.sources, study.target_name, complete=False
+        )
+        counts.update(left_out)
+        integrated = is_integrated(part.kind)
+        counted.append(part.select(mask & integrated))
+        if not (mask & ~integrated).any():
+            continue
+        with step(f"condensing {int((mask & ~integrated).sum())} observations"):
+            predictor = _arc(study, model, part.select(mask & ~integrated), places, {})
+            status = without_figures(usability(predictor)[0])
+            used = status.are(USED)
+            counts.update(status[~used].tolist())
+            residual_m = predictor.observations.value_m - _computed_m(predictor)
+            item, outlier_count = interval_sums(
+                predictor.observations.select(used), residual_m[used], choice.normal_point_s
+            )
+            counts["outlier of a normal point"] += outlier_count
+            sums.append(item)
+    if sums:
+        condensed, residual_m = IntervalSums.concatenate(sums).points(choice.normal_point_s)
+        predictor = _arc(study, model, condensed, places, {})
+        counted.insert(0, replace(condensed, value_m=_computed_m(predictor) + residual_m))
+    return Observations.concatenate(counted), dict(counts)
+
+
+def _computed_m(predictor: Predictor) -> Floats:
+    """Return computed values at the motions of an arc, m, shape (n,)."""
+    return predictor.predict(predictor.motions).value_m
 
 
 def _arc(

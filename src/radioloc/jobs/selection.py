@@ -85,8 +85,13 @@ def selected(
     positions: Collection[str] = (),
     sources: Collection[str] = (),
     name: str | None = None,
+    *,
+    complete: bool = True,
 ) -> tuple[Mask, dict[str, int]]:
-    """Return the mask of the selected observations, shape (n,), and the number of others by reason."""
+    """Return the mask of the selected observations, shape (n,), and the number of others by reason.
+
+    A part of the observations, which is not `complete`, may lack targets and stations that are named.
+    """
     left_out: dict[str, int] = {}
     is_kept = np.ones(len(observations), dtype=bool)
 
@@ -97,12 +102,12 @@ def selected(
             left_out[reason] = count
         is_kept = is_kept & mask
 
-    keep(_target_mask(observations, choice.targets, positions, sources, name), "other target")
-    keep(_station_mask(observations, choice.stations, catalogue), "other station")
+    keep(_target_mask(observations, choice.targets, positions, sources, name, complete), "other target")
+    keep(_station_mask(observations, choice.stations, catalogue, complete), "other station")
     keep(_type_mask(observations, choice.types), "other type")
     if len(observations):
         keep(_within_time(observations, is_kept, choice), "outside the time span")
-    if not is_kept.any():
+    if complete and not is_kept.any():
         counts = "; ".join(f"{count} {reason}" for reason, count in left_out.items()) or "the files hold none"
         raise InputError(
             f"no observations left ({counts}); change targets, stations, types, start, stop or hours"
@@ -116,6 +121,7 @@ def _target_mask(
     positions: Collection[str],
     sources: Collection[str],
     name: str | None,
+    complete: bool,
 ) -> Mask:
     of_link = [
         {canonical_target(name) for name in link.targets} - set(sources) for link in observations.links
@@ -134,7 +140,7 @@ def _target_mask(
     chosen = {canonical_target(name) for name in targets} if targets is not None else set(named)
     key = "[targets]" if targets is None else "[observations] targets"
     missing = sorted(chosen - set(present))
-    if missing:
+    if complete and missing:
         raise InputError(
             f"{key}: no observation of {', '.join(missing)}; the files have {', '.join(present) or 'none'}"
         )
@@ -160,7 +166,7 @@ def _type_mask(observations: Observations, types: tuple[str, ...] | None) -> Mas
 
 
 def _station_mask(
-    observations: Observations, stations: tuple[str, ...] | None, catalogue: StationCatalogue
+    observations: Observations, stations: tuple[str, ...] | None, catalogue: StationCatalogue, complete: bool
 ) -> Mask:
     if stations is None:
         return np.ones(len(observations), dtype=bool)
@@ -168,7 +174,8 @@ def _station_mask(
         members = {name: {station.name for station in catalogue.members(name)} for name in stations}
     ends = link_stations(observations.links, catalogue)
     present, chosen = set[str]().union(*ends), set[str]().union(*members.values())
-    if missing := sorted(name for name, names in members.items() if not names & present):
+    missing = sorted(name for name, names in members.items() if not names & present)
+    if complete and missing:
         raise InputError(
             f"[observations] stations: no observation by {', '.join(missing)}; "
             f"the files have {', '.join(sorted(present))}"

@@ -8,7 +8,7 @@ event of the time tag. Rows are not Python objects, so that tables can have mill
 from __future__ import annotations
 
 import warnings
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -293,6 +293,11 @@ class Observations:
             if name not in _SHARED_FIELDS:
                 columns[name] = value[rows] if isinstance(value, Epochs) else np.atleast_1d(value[rows])
         return _frozen(Observations(**columns))
+
+    def parts(self, rows_at_once: int) -> Iterator[Observations]:
+        """Yield successive parts of some number of rows."""
+        for start in range(0, len(self), rows_at_once):
+            yield self.select(slice(start, start + rows_at_once))
 
     def types(self) -> NDArray[np.str_]:
         """Return the name of the type of each measurement, shape (n,)."""

@@ -235,6 +235,9 @@ def with_turnaround(observations: Observations, rows: Indices, ratio: float | No
     return np.asarray(count_m - recorded / ratio * (count_m - value_m))
 
 
+_MAX_NORMAL_POINT_S = 300.0
+"""The residuals of an a-priori position that is 100 km off depart by 3 cm from a straight line over it."""
+
 TDM_KEYS = {
     "sigma_m": "sigma_m",
     "tdm_range": "range_convention",
@@ -263,6 +266,7 @@ class ObservationChoice:
     stop: Epochs | None = entry(None, moment=True)
     hours: float | None = entry(None, positive=True)
     doppler_average_s: float | None = entry(None, positive=True)
+    normal_point_s: float | None = entry(None, positive=True)
     extra_sigma_m: float = entry(
         0.0,
         not_negative=True,
@@ -293,6 +297,14 @@ class ObservationChoice:
         for name in ("weights", "frequencies", "map_positions", "uplinks"):
             set_fields(self, **{name: tuple(getattr(self, name))})
         check(self)
+        if (self.normal_point_s or 0.0) > _MAX_NORMAL_POINT_S:
+            raise InputError(
+                f"normal_point_s: expected at most {_MAX_NORMAL_POINT_S:g} s, got {self.normal_point_s:g} s"
+            )
+        if self.normal_point_s is not None and self.hours is not None and self.start is None:
+            raise InputError(
+                "normal_point_s: expected start beside hours, as files are read in parts; give start"
+            )
         if self.start is not None and self.stop is not None:
             length_s = utc_to_tai(self.stop).seconds_since(utc_to_tai(self.start))
             if not (length_s > 0.0).all():

@@ -1,0 +1,161 @@
+"""Normal points give the position and the sigmas of all observations, however their files are divided."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from change5_case import LANDER, NOISE, RANGING, START, VLBI
+
+from radioloc.errors import InputError
+from radioloc.io import write_observations
+from radioloc.jobs import preparation
+from radioloc.jobs.covariance import covariance
+from radioloc.jobs.locate import locate
+from radioloc.jobs.preparation import prepared_arc
+from radioloc.measurements import Observations, PhysicalModel
+from radioloc.measurements.registry import kind_of
+from radioloc.simulation import Schedule, Session, all_ranges, baselines, simulate
+from radioloc.study.study_file import read_study
+
+# A priori 70 km off: residuals have slopes of centimetres a second.
+STUDY = """
+[target]
+longitude_deg = -50.0
+latitude_deg = 44.0
+height_m = -2500.0
+[observations]
+files = ["dense.parquet"]
+normal_point_s = 60
+[estimate]
+height_prior = { height_m = -2550.4, sigma_m = 5.0 }
+[consider]
+defaults = false
+[model]
+off = ["ionosphere"]
+"""
+
+
+@pytest.fixture(scope="module")
+def dense():
+    """Observations every two seconds for two hours, in random order."""
+    stop = START.replace("15:11", "17:11")
+    sessions = [
+        Session("range", all_ranges(*RANGING), START, stop, 2.0, sigma_m=1.0, one_uplink=True),
+        Session("vlbi_delay", baselines(*VLBI), START, stop, 2.0, sigma_m=0.3),
+    ]
+    model = PhysicalModel.build(off=["ionosphere"])
+    observations = simulate(Schedule(sessions), LANDER, None, NOISE, model=model, seed=3).observations
+    return observations.select(np.random.default_rng(1).permutation(len(observations)))
+
+
+@pytest.fixture(scope="module")
+def study(dense, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("dense")
+    write_observations(folder / "dense.parquet", dense)
+    (folder / "study.toml").write_text(STUDY)
+    return read_study(folder / "study.toml")
+
+
+def in_order(observations):
+    return observations.select(np.lexsort((observations.paths(), observations.epoch.mjd)))
+
+
+def with_choice(study, **changes):
+    return replace(study, observations=replace(study.observations, **changes))
+
+
+def test_position_and_sigmas_are_those_of_all_observations(study):
+    condensed, full = locate(study), locate(with_choice(study, normal_point_s=None))
+    assert condensed.converged
+    assert len(condensed.residuals) < len(full.residuals) / 25
+    np.testing.assert_allclose(condensed.sigma_enu_m(), full.sigma_enu_m(), rtol=0.01)
+    difference_m = np.linalg.norm(condensed.position_pa_m - full.position_pa_m)
+    assert difference_m < 0.05 * np.linalg.norm(full.sigma_enu_m())
+    assert condensed.provenance["normal_point_s"] == 60.0
+
+
+def test_points_do_not_depend_on_the_parts_in_which_observations_are_read(study, dense, monkeypatch):
+    expected = in_order(prepared_arc(study)[0].observations)
+    monkeypatch.setattr(preparation, "_ROWS_AT_ONCE", 3000)
+    monkeypatch.setattr("radioloc.io.table._ROWS_READ", 1000)
+    for observations in (None, dense):
+        parts = in_order(prepared_arc(study, observations)[0].observations)
+        assert (parts.paths() == expected.paths()).all()
+        assert (parts.epoch.jd == expected.epoch.jd).all()
+        np.testing.assert_allclose(parts.value_m, expected.value_m, rtol=0.0, atol=1e-5)
+        np.testing.assert_allclose(parts.sigma_m, expected.sigma_m, rtol=1e-9)
+
+
+def test_delays_of_an_interval_have_one_epoch(study):
+    points = prepared_arc(with_choice(study, types=("vlbi_delay",)))[0].observations
+    assert len(np.unique(points.epoch.mjd)) < len(points) / len(np.unique(points.link)) + 3
+
+
+def test_outliers_are_rejected_and_counted(study, dense):
+    value_m, rows = dense.value_m.copy(), [5, 70, 900]
+    value_m[rows] += 40.0
+    points = prepared_arc(study, dense)[0].observations
+    arc, left_out = prepared_arc(study, replace(dense, value_m=value_m))
+    assert left_out == {"outlier of a normal point": len(rows)}
+    is_equal = arc.observations.epoch.mjd == points.epoch.mjd
+    assert (~is_equal).sum() <= len(rows)
+    assert abs(arc.observations.value_m - points.value_m)[is_equal].max() < 1.0
+
+
+def test_single_observations_and_one_sided_intervals_keep_their_epochs(study, dense):
+    sparse = dense.select(np.flatnonzero(dense.link == dense.link[0]))
+    sparse = sparse.select(np.argsort(sparse.epoch.mjd))[::10]
+    points = prepared_arc(with_choice(study, normal_point_s=15.0), sparse)[0].observations
+    np.testing.assert_allclose(points.epoch.mjd, sparse.epoch.mjd, rtol=0.0, atol=0.16 / 86400.0)
+    np.testing.assert_allclose(points.sigma_m, sparse.sigma_m)
+
+
+def test_doppler_stays_as_it_is(study, dense):
+    counts = replace(
+        dense[:50],
+        kind=np.full(50, kind_of("doppler"), dtype=np.int8),
+        value_m=np.full(50, 100.0),
+        count_s=np.ones(50),
+        uplink_hz=np.full(50, 7.2e9),
+        link=np.zeros(50, dtype=np.int32),
+        tag=np.ones(50, dtype=np.int8),
+    )
+    arc, _ = prepared_arc(study, Observations.concatenate([counts, dense]))
+    assert (arc.observations.kind == kind_of("doppler")).sum() == 50
+
+
+def test_stations_that_no_part_has_are_refused(study):
+    with pytest.raises(InputError, match=r"MADRID"):
+        prepared_arc(with_choice(study, stations=("MADRID",)))
+
+
+@pytest.mark.parametrize(
+    ("changes", "expected"),
+    [
+        ({"normal_point_s": 3600.0}, "300 s"),
+        ({"hours": 12.0}, "start"),
+        ({"normal_point_s": -1.0}, "normal_point_s"),
+    ],
+)
+def test_lengths_and_hours_that_cannot_be_used_are_refused(study, changes, expected):
+    with pytest.raises(InputError, match=expected):
+        with_choice(study, **changes)
+
+
+def test_orbits_and_schedules_are_refused(study, tmp_path):
+    orbiter = tmp_path / "orbiter.toml"
+    orbiter.write_text(
+        '[target]\ndynamics = "moon"\nepoch = "2020-12-01T15:00:00"\nposition_m = [1.8e6, 0.0, 0.0]\n'
+        'velocity_m_s = [0.0, 1600.0, 0.0]\n[observations]\nfiles = ["dense.parquet"]\nnormal_point_s = 60\n'
+    )
+    write_observations(tmp_path / "dense.parquet", prepared_arc(study)[0].observations)
+    with pytest.raises(InputError, match=r"normal_point_s.*orbit"):
+        locate(orbiter)
+    plan = tmp_path / "plan.toml"
+    plan.write_text(
+        STUDY.replace('files = ["dense.parquet"]\n', "")
+        + '[simulation.sessions.day]\nkind = "range"\nstations = ["KASHI"]\nstep_s = 10\nsigma_m = 1.0\n'
+        "start = 2020-12-02T14:00:00\nstop = 2020-12-02T15:00:00\n"
+    )
+    with pytest.raises(InputError, match=r"normal_point_s.*step_s"):
+        covariance(plan)

@@ -80,14 +80,21 @@ class MapFeatures:
         """Return the features of a tile, and the number of the first."""
         if tile not in self._tiles:
             level, row, column = tile
-            first = np.array([column, row]) * _TILE_PIXELS - _OVERLAP_PIXELS
-            pixel_m, size = self.pixel_m(level), _TILE_PIXELS + 2 * _OVERLAP_PIXELS
+            corner, pixel_m = np.array([column, row]) * _TILE_PIXELS, self.pixel_m(level)
+            # Parts of a tile beyond the map, in whole parts so that pyramids of images keep their pixels, are left out.
+            west, south, east, north = np.array(self.base.extent_m(self.plane)) / (_OVERLAP_PIXELS * pixel_m)
+            low, high = np.floor([west, -north]), np.ceil([east, -south])
+            first = np.maximum(corner - _OVERLAP_PIXELS, _OVERLAP_PIXELS * low.astype(np.int64))
+            last = np.minimum(
+                corner + _TILE_PIXELS + _OVERLAP_PIXELS, _OVERLAP_PIXELS * high.astype(np.int64)
+            )
+            samples, lines = np.maximum(last - first, 2 * _OVERLAP_PIXELS).tolist()
             view, valid = self.base.view(
-                self.plane, first[0] * pixel_m, -first[1] * pixel_m, pixel_m, (size, size)
+                self.plane, first[0] * pixel_m, -first[1] * pixel_m, pixel_m, (lines, samples)
             )
             features = detect(view, valid, _MAX_TILE_FEATURES)
-            low, high = _OVERLAP_PIXELS - 0.5, size - _OVERLAP_PIXELS - 0.5
-            inner = ((features.pixels >= low) & (features.pixels < high)).all(axis=1)
+            places = features.pixels + first + 0.5 - corner
+            inner = ((places >= 0.0) & (places < _TILE_PIXELS)).all(axis=1)
             pixels, sigma_px = features.pixels[inner] + first, features.sigma_px[inner]
             number = self.tracks.add(MAP, 0, pixels * [pixel_m, -pixel_m], sigma_px * pixel_m)
             self._tiles[tile] = (

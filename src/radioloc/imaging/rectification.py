@@ -119,9 +119,10 @@ class TerrainView:
         down = -vectors.dot(points, rays.directions) / vectors.length(points)
         flat = np.flatnonzero(down <= max_slope * np.sqrt(np.maximum(1.0 - down * down, 0.0)))
         if len(flat):
-            first_m, _ = Terrain(self.terrain).intersect(rays.origins_m[flat], rays.directions[flat])
+            origins_m, directions = rays.origins_m[flat], rays.directions[flat]
             allowed_m = max(tolerance_m, _MAX_RAY_MISS_CELLS * self.terrain.metadata.resolution_m)
-            hidden[flat] = vectors.length(first_m - points[flat]) > allowed_m
+            reach_m = vectors.length(points[flat] - origins_m) - allowed_m
+            hidden[flat] = ~Terrain(self.terrain).is_clear(origins_m, directions, reach_m)
         return hidden
 
 

@@ -69,17 +69,28 @@ class Terrain:
 
     def intersect(self, origins_m: Floats, directions: Floats) -> tuple[Floats, NDArray[np.bool_]]:
         """Return first intersections, m, shape (n, 3), and whether each ray has one, with heights all along the ray."""
-        points, hits = np.array(origins_m), np.zeros(len(origins_m), dtype=bool)
+        distance, state = self._traced(origins_m, directions, np.full(len(origins_m), np.inf))
+        return origins_m + np.where(state == _HIT, distance, 0.0)[:, None] * directions, state == _HIT
+
+    def is_clear(self, origins_m: Floats, directions: Floats, reach_m: Floats) -> NDArray[np.bool_]:
+        """Return whether rays of some lengths, shape (n,), pass above the ground, with heights all along the ray."""
+        return self._traced(origins_m, directions, reach_m)[1] == _PASSED
+
+    def _traced(
+        self, origins_m: Floats, directions: Floats, reach_m: Floats
+    ) -> tuple[Floats, NDArray[np.int8]]:
+        """Return distances of first intersections, m, and states of rays of some lengths."""
+        distance, state = np.zeros(len(origins_m)), np.full(len(origins_m), _PASSED)
         lowest, highest = (limit_m + self.raised_m for limit_m in LUNAR_HEIGHT_LIMITS_M)
         for start in range(0, len(origins_m), _BLOCK_RAYS):
             part = slice(start, start + _BLOCK_RAYS)
             first, last, descends = _between(origins_m[part], directions[part], lowest, highest)
+            last = np.minimum(last, reach_m[part])
+            descends &= first < last
             rows = start + np.flatnonzero(descends)
             spans = origins_m[rows], directions[rows], first[descends], last[descends]
-            distance, state = self._intersect_in_parts(*spans)
-            hits[rows] = state == _HIT
-            points[rows] += np.where(hits[rows], distance, 0.0)[:, None] * directions[rows]
-        return points, hits
+            distance[rows], state[rows] = self._intersect_in_parts(*spans)
+        return distance, state
 
     def gradient(self, points_m: Floats) -> Floats:
         """Return the gradient of the height above the terrain, shape (n, 3)."""

@@ -26,7 +26,7 @@ _UNIT_NAMES = {
     **dict.fromkeys(["km", "kilometer", "kilometers", "kilometre", "kilometres"], "km"),
 }
 _TILE_CELLS = 256
-_MAX_TILES = 64
+_MAX_TILES, _MAX_TILES_OF_BLOCK = 64, 16
 _SAMPLE_CELLS = 32  # along each side
 # Of 16 and 32 bits and those of geographic software, before scale and offset.
 _USUAL_VOIDS = (*range(-32768, -32763), -9999, -99999, -999999, 32767, 65535, -(2**31), 2**31 - 1)
@@ -81,7 +81,7 @@ def block_heights_m(
         first = columns[0] % around
         last = first + columns[1] - columns[0]
         parts = [(first, min(last, around)), (0, last - around)][: 1 + (last > around)]
-    heights = np.concatenate([_block(metadata, rows, part) for part in parts], axis=1)
+    heights = np.concatenate([_rectangle(metadata, rows, part) for part in parts], axis=1)
     heights[implausible(heights)] = np.nan
     return heights
 
@@ -91,6 +91,18 @@ def _tile(metadata: TerrainMetadata, i: int, j: int) -> Floats:
     """Heights in a tile of the map, whose files' checksums are part of the cache's key."""
     rows, columns = ((k * _TILE_CELLS, (k + 1) * _TILE_CELLS) for k in (i, j))
     return _block(metadata, rows, columns)
+
+
+def _rectangle(metadata: TerrainMetadata, rows: tuple[int, int], columns: tuple[int, int]) -> Floats:
+    """Heights of a rectangle of cells, by tiles if they are few."""
+    i, j = (range(first // _TILE_CELLS, -(-last // _TILE_CELLS)) for first, last in (rows, columns))
+    if len(i) * len(j) > _MAX_TILES_OF_BLOCK:
+        return _block(metadata, rows, columns)
+    tiles = np.block([[_tile(metadata, row, column) for column in j] for row in i])
+    first_row, first_column = i.start * _TILE_CELLS, j.start * _TILE_CELLS
+    return tiles[
+        rows[0] - first_row : rows[1] - first_row, columns[0] - first_column : columns[1] - first_column
+    ]
 
 
 def _block(metadata: TerrainMetadata, rows: tuple[int, int], columns: tuple[int, int]) -> Floats:

@@ -387,8 +387,10 @@ class Observations:
                 self._refuse(wrong, "value_m", kind.limit)
         wrong = ~np.isnan(self.uplink_hz) & ~((self.uplink_hz > 1e6) & (self.uplink_hz < 1e12))
         self._refuse(wrong, "uplink_hz", "1e6 to 1e12")
-        forms = np.array([link.form for link in self.links], dtype=np.str_)[self.link]
-        sent, one_way = forms == "transmitter>target>receiver", forms == "target>receiver"
+        forms = np.array([link.form for link in self.links], dtype=np.str_)
+        sent, one_way = (
+            (forms == form)[self.link] for form in ("transmitter>target>receiver", "target>receiver")
+        )
         reference = np.where(one_way, self.wavelength_um, self.uplink_hz)
         wrong = self.ramped & (np.isnan(reference) | (self.tag != TIME_TAGS.index("receive")))
         rule = "a reference frequency (uplink_hz, one-way wavelength_um) and time tags of reception"

@@ -450,12 +450,12 @@ def _chosen(table_columns: Mapping[str, Any], columns: Mapping[str, str] | None)
 
 
 def _values_of(column: Any) -> NDArray[Any]:
-    """Values of an Arrow column of numbers, NaN for nulls, without the 0.15 s in which ``to_numpy`` imports pandas."""
-    if column.null_count:
-        from pyarrow import compute
-
-        column = compute.fill_null(column, np.nan)
-    return np.array(np.from_dlpack(column))
+    """Values of an Arrow column, floats with NaN for nulls, without the 0.3 s in which Arrow imports pandas."""
+    if not column.null_count:
+        return np.array(np.from_dlpack(column))
+    (validity, data), rows = column.buffers(), slice(column.offset, column.offset + len(column))
+    is_valid = np.unpackbits(np.frombuffer(validity, np.uint8), bitorder="little")[rows]
+    return np.where(is_valid, np.frombuffer(data)[rows], np.nan)
 
 
 def _arrow(name: str, column: Any, column_unit: str, unit: str | None) -> dict[str, Any]:

@@ -276,8 +276,8 @@ class Station:
 class StationCatalogue:
     """Stations by name and aliases, whatever their case, spaces, hyphens and underscores; immutable.
 
-    Build one from stations of your own, or start from :meth:`default` and add to it with :meth:`with_station`. Two
-    stations that share a name or an alias are a :class:`StationError`.
+    :meth:`default` is the catalogue of the package, to which :meth:`with_station` adds. Two stations with a common name
+    or alias are a :class:`StationError`.
     """
 
     __slots__ = ("_by_key", "_stations")

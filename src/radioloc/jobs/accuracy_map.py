@@ -72,22 +72,22 @@ def accuracy_map(
     Parameters
     ----------
     study : Study or path-like
-        With one lander and a simulation, whose schedule and noise are taken. All sites have the height of its target,
-        above the sphere of 1737.4 km, and the sigma of its a-priori height.
+        Study with one lander, and with a simulation that states schedule and noise. All sites have the height of the
+        lander above the sphere of 1737.4 km, and the sigma of its a-priori height.
     step_deg : float
-        Distance of the sites in longitude and latitude, deg; they are in the middle of such cells.
+        Size of the cells in longitude and latitude, deg; a site is in the middle of each.
     region_deg : sequence of float
         West, south, east and north edge, deg, mean-Earth axes; the near side by default.
     hours : float, optional
         Length of the tracking from the start, h; all by default.
     workers : int or executor
-        As of :func:`radioloc.monte_carlo`.
+        Processes, as in :func:`radioloc.monte_carlo`.
     out : path-like, optional
-        Folder that keeps the sites as they are computed. Without `resume`, those of an earlier map are removed.
+        Folder in which each site is saved once it is computed. Without `resume`, sites of an earlier map are removed.
     resume : bool
-        Take over the sites that are in `out` already.
+        Whether to keep the sites that are already in `out`.
     progress : bool
-        Show a bar, on a terminal or in a notebook.
+        Whether to show a progress bar, on a terminal or in a notebook.
 
     Raises
     ------

@@ -35,22 +35,23 @@ def arcs(
     Parameters
     ----------
     study : Study or path-like
-        Its own ``hours`` are replaced. Its ``reference``, or else the first of its ``references``, is the benchmark.
+        Study, without regard to its ``hours``. Its ``reference``, or else the first of its ``references``, is the
+        benchmark.
     hours : iterable of float
         Lengths of the arcs from the study's start, or else from the first observation, h.
     observations : Observations, optional
-        In place of the study's files.
+        Observations in place of the study's files.
 
     Raises
     ------
     RadiolocError
-        As :func:`~radioloc.jobs.locate.locate`; a length is not above zero, or an arc holds no observation.
+        The study cannot be fitted, a length is not above zero, or an arc has no observations.
 
     Examples
     --------
     >>> import radioloc
-    >>> found = radioloc.arcs("examples/change5/change5.toml", hours=[6.0, 12.0])
-    >>> [arc.solution.converged for arc in found.arcs]
+    >>> study = radioloc.arcs("examples/change5/change5.toml", hours=[6.0, 12.0])
+    >>> [arc.solution.converged for arc in study.arcs]
     [True, True]
     """
     study = as_study(study)
@@ -87,24 +88,23 @@ def arcs(
 def leave_one_out(
     study: Study | str | Path, observations: Observations | None = None, *, progress: bool = False
 ) -> LeaveOneOut:
-    """Fit a study without each of its stations and, where they are others, without each of its links.
+    """Fit a study without each of its stations, then without each of its links.
 
     The model is prepared once; each fit has its own editing and weights.
 
     Parameters
     ----------
     study : Study or path-like
-        Of which a position or an orbit is estimated.
+        Study that estimates a position or an orbit.
     observations : Observations, optional
-        In place of the study's files.
+        Observations in place of the study's files.
     progress : bool
         Whether to show a progress bar of the fits on standard error.
 
     Raises
     ------
     RadiolocError
-        As :func:`~radioloc.jobs.locate.locate`; nothing is estimated of any target, or all observations are of one
-        link.
+        The study cannot be fitted, estimates no position or orbit, or has a single link.
 
     Examples
     --------

@@ -59,26 +59,25 @@ def covariance(
     Parameters
     ----------
     study : Study or path-like
-        With a simulation, whose schedule and noise are taken, or with files, whose epochs and stated sigmas are.
+        Study with a simulation that states schedule and noise, or with files of observations that give epochs and sigmas.
     hours : iterable of float, optional
-        Lengths from the start, h; by default doubled up to the end of the plan.
+        Lengths of the tracking from its start, h; by default each is twice the one before, up to the whole plan.
     observations : Observations, optional
-        In place of the study's files; their values are not used.
+        Observations in place of the study's files; their values are not used.
     reach_m : float, optional
-        A 95 % radius, m: find after how many hours it is reached.
+        Radius of 95 %, m; the result states after how many hours the plan reaches it.
 
     Returns
     -------
     CovarianceStudy
-        Sigmas and their budget by length, contributions of each type and station, and improvements by better
-        knowledge and, for a schedule, by other stations: those of ``[covariance] candidates``, by default those of
-        the catalogue that are antennas of the same network or telescopes of the same country. The studies of
-        further targets are its ``others``.
+        Sigmas and error budget for each length, contributions of each type and station, and improvements if an error
+        is removed or, in a schedule, a station added. Stations are those of ``[covariance] candidates``, by default
+        antennas of the same networks and telescopes of the same countries. ``others`` has further targets.
 
     Raises
     ------
     RadiolocError
-        Nothing is estimated of any target, or the study cannot be simulated.
+        No position or orbit is estimated, or the study cannot be simulated.
 
     Notes
     -----
@@ -88,8 +87,8 @@ def covariance(
     Examples
     --------
     >>> import radioloc
-    >>> found = radioloc.covariance("examples/change5/short_arc.toml", reach_m=1000.0)
-    >>> found.determined, found.reach_h
+    >>> plan = radioloc.covariance("examples/change5/short_arc.toml", reach_m=1000.0)
+    >>> plan.determined, plan.reach_h
     (True, 0.5)
     """
     study = as_study(study)

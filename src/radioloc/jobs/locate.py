@@ -76,7 +76,7 @@ def locate(
     study : Study or path-like
         Built in Python, from :func:`~radioloc.study.study_file.read_study`, or the path of its file.
     observations : Observations, optional
-        In place of the study's files.
+        Observations in place of the study's files.
     model : PhysicalModel, optional
         Model and station catalogue in place of those of the study (``PhysicalModel.build``).
 

@@ -58,55 +58,53 @@ def monte_carlo(
     full: bool = False,
     progress: bool = False,
 ) -> MonteCarlo:
-    """Simulate the tracking of a study again and again, and fit it, for arcs of several lengths.
+    """Simulate the tracking of a study in many trials, and fit each for several arc lengths.
 
     Parameters
     ----------
     study : Study or path-like
-        With a simulation: the tracking, the noise and the drawn errors; its estimate, priors and
-        noise settings are those of every fit, as :func:`~radioloc.jobs.locate.locate` takes them.
+        Study with a simulation that states tracking, noise and drawn errors. Each trial is fitted as the study states.
     trials : int
-        How many.
+        Number of trials.
     hours : iterable of float
         Lengths of the arcs from the start, h.
     seed : int, optional
-        The simulation's where not given. The same seed gives the same trials, however and wherever they are run; a
-        trial does not depend on how many others there are.
+        Seed of the random numbers; that of the simulation by default. It determines each trial, whatever the number of
+        trials and processes.
     workers : int or executor
         Number of processes; or an executor such as those of :mod:`concurrent.futures` and ``mpi4py.futures``, or the
         ``distributed.Client`` of a Dask cluster. A script with several processes needs ``if __name__ == "__main__":``,
         as they are spawned.
     out : path-like, optional
-        Folder that keeps the trials as they are made, so that a study can be resumed. Without `resume`, those that are
-        there from before are removed.
+        Folder in which trials are saved as they are made. Without `resume`, earlier trials there are removed.
     resume : bool
-        Take over the trials that are in `out` already; more trials than last time may be asked for.
+        Whether to keep the trials that are already in `out`, and to add to them.
     full : bool
-        Fit every trial with the whole model, however long it takes.
+        Whether to fit each trial with the whole model, which is slow.
     progress : bool
-        Show a bar, on a terminal or in a notebook.
+        Whether to show a progress bar, on a terminal or in a notebook.
 
     Raises
     ------
     InputError
-        An argument cannot be, or `out` holds the trials of another study.
+        An argument is invalid, or `out` has the trials of another study.
     RadiolocError
         The study cannot be simulated or fitted.
 
     Notes
     -----
-    The model is linearized at the true position, and trials are fitted with that. The trials farthest from it and some
-    at random are then simulated and fitted in full as well; where a position differs by more than 1 mm and 1 % of its
+    Trials are fitted with the model linearized at the true position. The trials farthest from it, and some drawn at
+    random, are also simulated and fitted in full. If one of these positions differs by more than 1 mm and 1 % of its
     sigma, or a sigma by 2 %, all trials are fitted in full.
 
-    Trials are the same to the last bit wherever they are run, but for full fits and for delays that share the errors of
-    stations, whose least squares may be rounded otherwise in another number of threads.
+    Trials are identical to the last bit for any number of processes. Full fits, and fits of delays with common errors
+    of stations, may be rounded differently if the number of threads differs.
 
     Examples
     --------
     >>> import radioloc
-    >>> found = radioloc.monte_carlo("examples/change5/simulation.toml", trials=20, hours=12.0)
-    >>> found["east_m"].shape
+    >>> trials = radioloc.monte_carlo("examples/change5/simulation.toml", trials=20, hours=12.0)
+    >>> trials["east_m"].shape
     (20, 1)
     """
     study = as_study(study)

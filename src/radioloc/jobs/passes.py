@@ -120,14 +120,13 @@ def visibility(
     Raises
     ------
     RadiolocError
-        Neither the study nor an argument gives stations and a span, or as of
-        :func:`radioloc.simulation.visibility.windows`.
+        Neither the study nor an argument gives stations and a span, or the span is invalid.
 
     Examples
     --------
     >>> from radioloc import visibility
-    >>> found = visibility("examples/change5/short_arc.toml", ["KASHI"], stop_utc="2020-12-02T15:11:00")
-    >>> [(one.station, one.rises, one.sets) for one in found.passes]
+    >>> passes = visibility("examples/change5/short_arc.toml", ["KASHI"], stop_utc="2020-12-02T15:11:00").passes
+    >>> [(item.station, item.rises, item.sets) for item in passes]
     [('KASHI', False, True), ('KASHI', True, False)]
     """
     scene = build_scene(study, stations, start_utc, stop_utc, mask_deg)
@@ -255,7 +254,7 @@ def light_times(
     stations : sequence of str
         Names or aliases; by default those of the study's schedule, or else of its observations.
     links : {"two_way", "three_way", "all", "one_way"}
-        Each station alone; the first station transmits to the others; each to each; the target transmits.
+        Links: each station with itself; from the first station to the others; all pairs; from the target down.
     start_utc, stop_utc : str, optional
         First and last epoch of reception; by default those of the schedule, or of the observations.
     step_s : float
@@ -282,8 +281,8 @@ def light_times(
     Examples
     --------
     >>> from radioloc import light_times
-    >>> found = light_times("examples/change5/short_arc.toml", ["KASHI"], step_s=1800.0, frequency_hz=8.47e9)
-    >>> found["doppler_hz"].round().tolist()
+    >>> table = light_times("examples/change5/short_arc.toml", ["KASHI"], step_s=1800.0, frequency_hz=8.47e9)
+    >>> table["doppler_hz"].round().tolist()
     [18789.0, 17799.0, 16551.0]
     """
     if links not in WAYS:

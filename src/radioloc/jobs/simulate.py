@@ -28,9 +28,9 @@ def simulate(study: Study | str | Path, seed: int | None = None, *, draw_errors:
     Parameters
     ----------
     study : Study or path-like
-        With a simulation; its model is the nominal one.
+        Study with a simulation.
     seed : int, optional
-        Seed of all random numbers; that of the scenario by default.
+        Seed of the random numbers; that of the simulation by default.
     draw_errors : bool
         Whether to draw the errors of ``truth_sigma`` and those that the fit considers, as each trial of a Monte Carlo
         study does, besides the fixed errors of ``truth``.

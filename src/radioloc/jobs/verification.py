@@ -85,7 +85,7 @@ def verify(path: str | Path, study: str | Path | None = None) -> Verification:
     Raises
     ------
     InputError
-        The file does not hold a solution, or one of its input files is missing or has changed.
+        The file has no solution, or one of its input files is missing or has changed.
 
     Examples
     --------

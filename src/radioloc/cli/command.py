@@ -6,7 +6,7 @@ import argparse
 import difflib
 import re
 import textwrap
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
@@ -52,14 +52,20 @@ class Parser(argparse.ArgumentParser):
         text = super().format_help()
         if self.examples:
             text += "\nexamples:\n" + "".join(f"  {example}\n" for example in self.examples)
-        for title, rows in self.help_tables().items():
-            width = min(24, max(map(len, rows)))
-            indent = " " * (width + 4)
-            text += f"\n{title}:\n"
-            for name, description in rows.items():
-                first = f"  {name:<{width}}  "
-                text += textwrap.fill(description, 80, initial_indent=first, subsequent_indent=indent) + "\n"
-        return text
+        return text + "".join(f"\n{table}" for table in text_tables(self.help_tables()))
+
+
+def text_tables(tables: Rows) -> Iterator[str]:
+    """Yield each table as text: its title, and names beside their descriptions."""
+    for title, rows in tables.items():
+        width = min(24, max(map(len, rows)))
+        lines = [
+            textwrap.fill(
+                text, 80, initial_indent=f"  {name:<{width}}  ", subsequent_indent=" " * (width + 4)
+            )
+            for name, text in rows.items()
+        ]
+        yield "\n".join((f"{title}:", *lines, ""))
 
 
 def _suggestion(name: str, names: Iterable[str]) -> str:
@@ -121,9 +127,7 @@ def output_folder() -> tuple[Argument, Argument]:
     return argument("--out DIR", "write all files of the result to DIR", Path), page
 
 
-STUDY = study_file(
-    "the study file (keys: radioloc new --help); - for standard input, in the working directory"
-)
+STUDY = study_file("the study file (keys: radioloc new keys); - for standard input, in the working directory")
 """The study file as the positional argument ``study``."""
 STUDIES = argument(
     "studies STUDY.toml",
@@ -131,7 +135,7 @@ STUDIES = argument(
     Path,
     nargs="+",
 )
-SIMULATED_STUDY = study_file("a study file with [simulation] (keys: radioloc new --help)")
+SIMULATED_STUDY = study_file("a study file with [simulation] (keys: radioloc new keys)")
 JSON = flag("--json", "print the result as JSON and nothing else")
 """The option ``--json``, which :func:`radioloc.cli.finish` obeys."""
 

@@ -179,6 +179,7 @@ def _export_formats() -> Rows:
     argument("--stop UTC", "last epoch of an .oem file"),
     argument("--step SECONDS", "from state to state of an .oem file (default: 3600)", float),
     argument("--originator NAME", "agency that makes the message"),
+    argument("--target NAME", "target of a .bsp or .oem file, of several"),
     examples=(
         "results/solution.json --out lander.geojson",
         "results/solution.json lander.bsp",
@@ -192,7 +193,7 @@ def export(options: argparse.Namespace) -> int:
     names = {"code": "body", "start": "start_utc", "stop": "stop_utc", "step": "step_s"}
     stated = {
         names.get(name, name): value
-        for name in ("code", "start", "stop", "step", "originator")
+        for name in ("code", "start", "stop", "step", "originator", "target")
         if (value := getattr(options, name)) is not None
     }
     settings = radioloc.io.ExportOptions(**stated)

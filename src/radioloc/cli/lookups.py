@@ -10,7 +10,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from radioloc.cli.command import JSON, argument, command, study_tables
+from radioloc.cli.command import JSON, argument, command, study_tables, text_tables
 from radioloc.cli.output import DONE, NOT_CONVERGED, finish, say, tell
 from radioloc.errors import InputError
 from radioloc.lazy import optional
@@ -33,7 +33,11 @@ _HEIGHT_PRIOR = "height_prior = {{ height_m = {}, sigma_m = 20.0 }}   # from a m
 
 @command(
     "new",
-    argument("kind", "target of the study", choices=STARTERS),
+    argument(
+        "kind",
+        "target of the study, or keys: print the tables and keys of study files",
+        choices=(*STARTERS, "keys"),
+    ),
     argument("study STUDY.toml", "study file to write (default: the target's name)", Path, nargs="?"),
     argument("--out FILE", "the same as STUDY.toml", Path),
     argument(
@@ -43,11 +47,13 @@ _HEIGHT_PRIOR = "height_prior = {{ height_m = {}, sigma_m = 20.0 }}   # from a m
         nargs=3,
         action="append",
     ),
-    examples=("lander", "lander plan.toml --at 0 -89.5 1000", "orbiter my_orbiter.toml"),
-    help_tables=study_tables,
+    examples=("lander", "lander plan.toml --at 0 -89.5 1000", "orbiter my_orbiter.toml", "keys"),
 )
 def new(options: argparse.Namespace) -> int:
     """Write a commented starter study, with a plan of simulated tracking to try it."""
+    if options.kind == "keys":
+        say("\n".join(text_tables(study_tables())), end="")
+        return DONE
     study: Path = options.out or options.study or Path(f"{options.kind}.toml")
     require_ending(study, (".toml",))
     if study.exists():

@@ -105,7 +105,10 @@ class PositionEstimate:
     def from_solution(cls, content: Mapping[str, Any]) -> PositionEstimate:
         """Read the estimate of ``solution.json``; :class:`InputError` for a target without a position."""
         if not content["position"]:
-            raise InputError(f"{content['name']}: expected a position, got a target on a trajectory")
+            raise InputError(
+                f"{content['name']}: expected a position, got a target on a trajectory; estimated orbits are in the "
+                "files orbit.bsp, orbit.oem and orbit.opm of locate --out"
+            )
         provenance = content["provenance"]
         study = provenance.get("study") or {}
         errors = {item["name"]: np.array(item["position_enu_m"]) for item in content.get("considered", ())}

@@ -21,7 +21,7 @@ from radioloc.io.tdm.write import creation_date_now
 from radioloc.lunar import east_north_up, rot_icrf_to_pa, rot_pa_to_me
 from radioloc.lunar.frames import rot_icrf_to_pa_rate
 from radioloc.quantities import accepts_quantities
-from radioloc.results.tables import SolutionLike, position_of, solution_content
+from radioloc.results.tables import SolutionLike, position_of, single_content
 from radioloc.text_files import write_text
 from radioloc.time import Epochs, epochs_from_strings, to_scale, utc_strings
 from radioloc.vectors import Floats
@@ -43,7 +43,7 @@ def write_oem(
     """Write the inertial states of a lander as an OEM in KVN, with the covariance at the first epoch."""
     # With the position r in principal axes, without tides, and the rotation R to the ICRF, states are (R r, R' r).
     # Their covariance is J P J^T with J = (R, R') and the total covariance P of the position.
-    content = solution_content(solution)
+    content = single_content([solution])
     pa = position_of(content)["pa"]
     tai = _epochs(start_utc, stop_utc, step_s)
     to_icrf = _rotation(pa["frame"], tai)

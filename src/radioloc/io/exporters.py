@@ -13,7 +13,7 @@ from radioloc.io.sinex import write_sinex
 from radioloc.io.spice_kernels import FIRST_SITE, write_spice
 from radioloc.plugins import Registry, entry_errors
 from radioloc.results.solution import Solution
-from radioloc.results.tables import SolutionLike, solution_table, write_table_file
+from radioloc.results.tables import SolutionLike, single_content, solution_table, write_table_file
 from radioloc.text_files import require_ending
 
 
@@ -26,6 +26,7 @@ class ExportOptions:
     stop_utc: str | None = None  #: likewise
     step_s: float = 3600.0  #: interval between the states of an ephemeris message, s
     originator: str | None = None  #: agency that makes an ephemeris message
+    target: str | None = None  #: target of a format that has one, of solutions with several
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,12 +41,6 @@ class Exporter:
     write: Callable[[Path, Sequence[SolutionLike], ExportOptions], Sequence[Path]]
 
 
-def _single(path: Path, solutions: Sequence[SolutionLike]) -> SolutionLike:
-    if len(solutions) != 1:
-        raise InputError(f"{path}: expected one solution for this format, got {len(solutions)}")
-    return solutions[0]
-
-
 def _write_oem(path: Path, solutions: Sequence[SolutionLike], options: ExportOptions) -> list[Path]:
     start_utc, stop_utc, originator = options.start_utc, options.stop_utc, options.originator
     if start_utc is None or stop_utc is None or originator is None:
@@ -53,18 +48,17 @@ def _write_oem(path: Path, solutions: Sequence[SolutionLike], options: ExportOpt
         missing = " and ".join(name for name, value in names.items() if value is None)
         raise InputError(f"{path}: an ephemeris message needs {missing}")
     span = start_utc, stop_utc
-    solution = _single(path, solutions)
+    solution = single_content(solutions, options.target)
     return [write_oem(path, solution, *span, originator=originator, step_s=options.step_s)]
 
 
 def _write_sinex(path: Path, solutions: Sequence[SolutionLike], options: ExportOptions) -> list[Path]:
-    solution = _single(path, solutions)
-    if not isinstance(solution, Solution):
+    if len(solutions) != 1 or not isinstance(solutions[0], Solution):
         raise InputError(
-            f"{path}: expected a solution with the covariance of all parameters, which solution.json lacks; use "
+            f"{path}: expected one solution with the covariance of all parameters, which solution.json lacks; use "
             "radioloc locate --sinex"
         )
-    return [write_sinex(path, solution)]
+    return [write_sinex(path, solutions[0])]
 
 
 def _write_table(path: Path, solutions: Sequence[SolutionLike], options: ExportOptions) -> list[Path]:
@@ -85,7 +79,9 @@ EXPORTERS = Registry(
             "SPICE kernels",
             (".bsp",),
             "SPK with the lander, and beside it a frames kernel .tf",
-            lambda path, solutions, options: write_spice(path, _single(path, solutions), body=options.body),
+            lambda path, solutions, options: write_spice(
+                path, single_content(solutions, options.target), body=options.body
+            ),
         ),
         Exporter(
             "Orbit Ephemeris Message",

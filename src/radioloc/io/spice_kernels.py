@@ -22,7 +22,7 @@ from radioloc.dynamics import Orbit
 from radioloc.ephemeris.constants import CONSTANTS
 from radioloc.errors import InputError
 from radioloc.quantities import accepts_quantities
-from radioloc.results.tables import SolutionLike, position_of, solution_content
+from radioloc.results.tables import SolutionLike, position_of, single_content
 from radioloc.text_files import replaced_file, require_ending, scratch_folder, to_ascii
 from radioloc.vectors import Floats
 
@@ -77,7 +77,7 @@ def write_spice(path: str | Path, solution: SolutionLike, *, body: int = FIRST_S
     """
     import spiceypy
 
-    content = solution_content(solution)
+    content = single_content([solution])
     spk, frames = Path(path), Path(path).with_suffix(".tf")
     require_ending(spk, (".bsp",))
     if isinstance(body, bool) or not isinstance(body, int) or 0 <= body < 1000:

@@ -35,6 +35,7 @@ from radioloc.quantities import FloatLike, accepts_quantities
 from radioloc.results.covariance import Contribution, CovarianceStudy, Improvement, PlannedArc
 from radioloc.simulation import Scenario, Session
 from radioloc.simulation.schedule import Pair
+from radioloc.simulation.visibility import horizon_notes
 from radioloc.study.observation_choice import rows_by_station
 from radioloc.study.study import Study
 from radioloc.study.study_file import as_study
@@ -59,7 +60,7 @@ def covariance(
     Parameters
     ----------
     study : Study or path-like
-        Study with a simulation that states schedule and noise, or with files of observations that give epochs and sigmas.
+        Study with a simulation that states schedule and noise, or with files that give epochs and sigmas.
     hours : iterable of float, optional
         Lengths of the tracking from its start, h; by default each is twice the one before, up to the whole plan.
     observations : Observations, optional
@@ -197,10 +198,12 @@ def _scheduled(
         for kind in scenario.noise.unstated(predictor.observations)
     ]
     notes += study.catalogue.antenna_notes(predictor.stations)
+    points = [motion.position_pa_m for motion in predictor.motions if motion.trajectory is None]
+    notes += horizon_notes(scenario.schedule.masks, points)
     if predictor.predicted_eop.any() and study.consider_defaults and "ut1" not in study.consider:
         notes.append(
             "once this is tracked, Earth orientation will have been measured: "
-            "[consider] ut1_sigma_s = 1e-5 and pole_sigma_rad = 3e-10 say so"
+            "state [consider] ut1_sigma_s = 1e-5 and pole_sigma_rad = 3e-10"
         )
     return study, predictor, left_out, scenario.noise.covariance(plan).select(rows), notes
 

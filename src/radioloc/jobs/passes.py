@@ -30,7 +30,7 @@ from radioloc.quantities import DateLike, FloatLike, accepts_quantities
 from radioloc.results.predictions import LightTimes, Pass, Passes
 from radioloc.simulation.schedule import LINKS, Schedule, Session
 from radioloc.simulation.simulate import TargetRecord, spanning_motion
-from radioloc.simulation.visibility import Masks, Window, elevations, windows
+from radioloc.simulation.visibility import SPHERICAL_HORIZON, Masks, Window, elevations, windows
 from radioloc.study.observation_choice import link_stations
 from radioloc.study.study import Study
 from radioloc.study.study_file import as_study
@@ -143,9 +143,7 @@ def visibility(
     targets = tuple(scene.motions) if several else ()
     notes = model.catalogue.antenna_notes(names)
     if any(motion.trajectory is None for motion in scene.motions.values()):
-        notes.append(
-            "the target's horizon is that of a sphere, without terrain: state its mask, [simulation] target_mask_deg"
-        )
+        notes.append(SPHERICAL_HORIZON)
     return Passes(scene.name, first, last, by_station, masks.target_deg, tuple(passes), targets, tuple(notes))
 
 

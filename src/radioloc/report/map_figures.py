@@ -74,7 +74,8 @@ def plot_map(
     base_map : path-like, optional
         Map image in place of an elevation model, in a format of :class:`~radioloc.lunar.Map`.
     reach_m : float, optional
-        Distance from the middle to the edges, m, at most 1000 km; by default all positions with a margin.
+        Distance from the middle to the edges, m, at most 1000 km; by default all positions with a margin, and 60 cells
+        of the background if it covers them.
     ax : matplotlib.axes.Axes, optional
         Axes to draw in, without the globe; by default those of a new figure.
 
@@ -102,15 +103,15 @@ def plot_map(
     plane = TangentPlane(*_place(contents[0]["position"]["me"]))
     references = dict.fromkeys((item["name"], _place(item)) for c in contents for item in references_of(c))
     ground = _ground(dem, base_map)
-    reach_m = _reach_m(contents, references, plane, ground) if reach_m is None else reach_m
+    min_reach_m = _reach_m(contents, references, plane) if reach_m is None else reach_m
+    reach_m, image = _background(ground, plane, min_reach_m, reach_m)
     factor, unit = length_unit(2.0 * reach_m)
     studies = list(dict.fromkeys(re.sub(r", [0-9.]+ h$", "", content["name"]) for content in contents))
     title = " and ".join(studies) if len(studies) <= _MAX_NAMED_STUDIES else f"{len(studies)} studies"
     legend_rows = -(-(len(contents) + len(references)) // 2)
     axes = one_panel(ax, 6.4, 6.5 + 0.17 * legend_rows, title)
     edges = [factor * edge for edge in (-reach_m, reach_m, -reach_m, reach_m)]
-    if ground is not None:
-        image = _background(ground, plane, reach_m)
+    if image is not None:
         axes.imshow(image, extent=edges, cmap="gray", interpolation="bilinear")  # type: ignore[arg-type]
     for k, content in enumerate(contents):
         [at_m] = plane.from_longitude_latitude([_place(content["position"]["me"])])
@@ -149,8 +150,8 @@ def _reach_m(
     contents: Sequence[Mapping[str, Any]],
     references: Iterable[tuple[str, tuple[float, float]]],
     plane: TangentPlane,
-    ground: Map | TerrainModel | None,
 ) -> float:
+    """Return the reach of a map of all positions with their ellipses, m."""
     sizes_m = []
     for content in contents:
         covariance = horizontal_covariance_of(content)
@@ -161,10 +162,7 @@ def _reach_m(
     offsets_m[: len(sizes_m)] += sizes_m
     if not offsets_m.max() < _MAX_DEFAULT_REACH_M:  # NaN for a point beyond the plane
         raise InputError("solutions: expected positions and references within 500 km of the first")
-    cell_m = 0.0
-    if ground is not None:
-        cell_m = ground.resolution_m if isinstance(ground, Map) else ground.metadata.resolution_m
-    return max(1.0, 0.5 * _MIN_CELLS * cell_m, 1.25 * float(offsets_m.max()))
+    return max(1.0, 1.25 * float(offsets_m.max()))
 
 
 def _ground(dem: str | Path | TerrainModel | None, base_map: str | Path | None) -> Map | TerrainModel | None:
@@ -175,7 +173,24 @@ def _ground(dem: str | Path | TerrainModel | None, base_map: str | Path | None) 
     return None if dem is None else TerrainModel.open(dem, interpolation="bicubic")
 
 
-def _background(ground: Map | TerrainModel, plane: TangentPlane, reach_m: float) -> NDArray[Any]:
+def _background(
+    ground: Map | TerrainModel | None, plane: TangentPlane, min_reach_m: float, reach_m: float | None
+) -> tuple[float, NDArray[Any] | None]:
+    """Return the reach, by default of some cells unless the ground ends before, and the image."""
+    if ground is None:
+        return min_reach_m, None
+    cell_m = ground.resolution_m if isinstance(ground, Map) else ground.metadata.resolution_m
+    reach_m = max(min_reach_m, 0.5 * _MIN_CELLS * cell_m) if reach_m is None else reach_m
+    while True:
+        try:
+            return reach_m, _image(ground, plane, reach_m)
+        except InputError:
+            if reach_m == min_reach_m:
+                raise
+            reach_m = max(min_reach_m, 0.5 * reach_m)
+
+
+def _image(ground: Map | TerrainModel, plane: TangentPlane, reach_m: float) -> NDArray[Any]:
     """Return the map image, or the shaded terrain, about the middle."""
     pixel_m = 2.0 * reach_m / _PIXELS
     first_m = reach_m - 0.5 * pixel_m
@@ -189,7 +204,7 @@ def _background(ground: Map | TerrainModel, plane: TangentPlane, reach_m: float)
     try:
         heights = ground.height_m(*np.radians(degrees).T).reshape(east.shape)
     except InputError as error:
-        problem = f"the map reaches {reach_m:.4g} m from the first position"
+        problem = f"the map reaches {reach_m:.0f} m from the first position"
         advice = "give a smaller reach_m (--reach), or a model of the place"
         raise InputError(f"{error}; {problem}; {advice}") from None
     light = LightSource(_SUN_AZIMUTH_DEG, _SUN_ELEVATION_DEG)

@@ -284,11 +284,23 @@ def contents_by_target(results: Iterable[SolutionLike]) -> list[Mapping[str, Any
     for content in map(solution_content, results):
         references = {key: content[key] for key in ("reference", "references") if key in content}
         for name, target in (content.get("targets") or {}).items():
-            named = {"name": f"{content['name']}, {name}", "targets": {}}
+            named = {"name": f"{content['name']}, {name}", "target": name, "targets": {}}
             contents.append({**content, **target, **named, "reference": None, "references": [], **references})
             references = {}
         contents += [] if content.get("targets") else [content]
     return contents
+
+
+def single_content(results: Iterable[SolutionLike], target: str | None = None) -> Mapping[str, Any]:
+    """Return the content of ``solution.json`` for the only target of solutions, or for one of these by its name."""
+    contents = contents_by_target(results)
+    matches = [content for content in contents if target in (None, content.get("target"))]
+    if len(matches) != 1:
+        names = ", ".join(content.get("target", content["name"]) for content in contents)
+        raise InputError(
+            f"expected one position for this format, got {names}; give one, or a target by --target"
+        )
+    return matches[0]
 
 
 def references_of(content: Mapping[str, Any]) -> list[Mapping[str, Any]]:

@@ -31,6 +31,7 @@ from radioloc.simulation.truth import (
     drawn_errors,
     fixed_errors,
 )
+from radioloc.simulation.visibility import horizon_notes
 from radioloc.targets.design import effects_on_orbit
 from radioloc.targets.target import TargetDescription, declared_motion
 from radioloc.time import Epochs, tai_to_utc, utc_strings, utc_to_tai
@@ -235,7 +236,9 @@ class Scenario:
             drawn = drawn.with_gravity(np.sum(effects_m, axis=0))
         stations = (name for link in plan.observations.links for name in link.stations)
         antennas = model.catalogue.antenna_notes(stations)
-        notes = (*self.noise.notes(plan.observations), *antennas)
+        points = [item.position_pa_m for item in targets if item.trajectory is None]
+        horizon = horizon_notes(self.schedule.masks, points)
+        notes = (*self.noise.notes(plan.observations), *antennas, *horizon)
         return World(self, plan, targets, prediction.value_m, added_m, errors, drawn, notes)
 
     def _target(self, name: str, record: TargetRecord, model: PhysicalModel) -> TrueTarget:

@@ -73,6 +73,20 @@ class Masks:
         return self.by_station_deg.get(station, self.station_deg)
 
 
+SPHERICAL_HORIZON = (
+    "the target's horizon is that of a sphere, without terrain: state its mask, [simulation] target_mask_deg"
+)
+_MIN_EARTH_SINE = (
+    0.34  # 20 degrees of mean elevation of the Earth: librations of 10 degrees, terrain of as much
+)
+
+
+def horizon_notes(masks: Masks, points_pa_m: Iterable[Floats]) -> list[str]:
+    """Return a note if the Earth is low above the horizon of a point, and the masks have no terrain."""
+    is_low = any(point[0] < _MIN_EARTH_SINE * np.linalg.norm(point) for point in points_pa_m)
+    return [SPHERICAL_HORIZON] * (is_low and masks.target_deg == 0.0)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Elevations:
     """Elevations at both ends of n signals at k stations."""

@@ -174,6 +174,10 @@ def test_all_targets_are_exported_with_the_references_of_the_first(tmp_path, end
     }
     (tmp_path / "solution.json").write_text(json.dumps(first | {"targets": targets}))
     out = tmp_path / f"a.{ending}"
+    spk = ["export", str(tmp_path / "solution.json"), str(tmp_path / "a.bsp")]
+    assert main(spk) == 2
+    assert main([*spk, "--target", "B"]) == 0
+    assert "LANDER_5_B" in (tmp_path / "a.tf").read_text()
     assert main(["export", str(tmp_path / "solution.json"), str(out)]) == 0
     if ending == "md":
         assert "lander 5, A | lander 5, B" in out.read_text()
@@ -199,4 +203,4 @@ def test_export_command_writes_the_format_of_the_ending(tmp_path, capsys):
     assert main(["export", str(solution), str(tmp_path / "c.kml")]) == 2
     assert "supported: .geojson, .gpkg, .bsp, .oem, .md, .tex, .snx" in capsys.readouterr().err
     assert main(["export", str(solution), str(solution), str(tmp_path / "d.bsp")]) == 2
-    assert "expected one solution" in capsys.readouterr().err
+    assert "expected one position" in capsys.readouterr().err

@@ -58,6 +58,13 @@ def test_the_ground_is_under_the_position():
     assert np.corrcoef(drawn[np.ix_(at, at)].ravel(), pixels.ravel())[0, 1] > 0.9
 
 
+def test_default_map_ends_with_the_elevation_model():
+    """Sixty cells of 7.6 km are more than the model has about the place."""
+    pytest.importorskip("rasterio")
+    axes = plot_map(content(), dem=EXAMPLES / "change5" / "ldem_4_landing_site.tif").axes[0]
+    assert 40.0 < axes.get_xlim()[1] < 120.0  # km
+
+
 def test_map_beyond_the_elevation_model_names_the_option():
     pytest.importorskip("rasterio")
     with pytest.raises(InputError, match="--reach"):

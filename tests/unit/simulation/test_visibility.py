@@ -7,7 +7,7 @@ from radioloc.lunar.frames import hidden_by_moon
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.target_motion import FixedPoint
 from radioloc.simulation import Masks, Schedule, Session, elevations, two_way, visibility, windows
-from radioloc.simulation.visibility import Sight
+from radioloc.simulation.visibility import Sight, horizon_notes
 from radioloc.time import Epochs, epochs_from_strings, utc_strings, utc_to_tt
 
 # From the model, which also has tides and the aberration of a moving station; 2 arcsec more at transmission.
@@ -149,3 +149,11 @@ def test_elevations_change_less_than_the_bound(model, lander):
     angles = elevations(model, lander, STATIONS, every_s(600.0, 24.0 * 28.0))
     for elevation_rad in (angles.at_station_rad, angles.at_target_rad):
         assert np.abs(np.diff(elevation_rad, axis=0)).max() / 600.0 < visibility._MAX_ELEVATION_RATE_RAD_S
+
+
+@pytest.mark.parametrize(
+    ("latitude_deg", "target_deg", "count"), [(-89.5, 0.0, 1), (-89.5, 5.0, 0), (43.0, 0.0, 0)]
+)
+def test_plan_near_the_limb_without_a_mask_of_terrain_has_a_note(latitude_deg, target_deg, count):
+    point = LunarPosition.from_selenographic(0.0, latitude_deg, 0.0)
+    assert len(horizon_notes(Masks(target_deg=target_deg), [point.xyz_m])) == count

@@ -239,10 +239,13 @@ def _with_covariances(
     free, root = fit.parameters.free, fit.factor.root_covariance()
     directions = directions_of_rows(root[~fit.parameters.considered[free]])
     prior = (root / fit.parameters.prior_sigmas[free, None]) @ directions
-    whitened, series = np.concatenate(list(fit.whitened_unit_partials(directions))), noise.series
-    weighted = noise.filter.adjoint(whitened)
-    unit = prior.T @ prior + gram(weighted, weighted)
-    added = np.zeros_like(unit)
+    series, begin = noise.series, 0
+    whitened = np.empty(
+        (len(series.time_s), directions.shape[1])
+    )  # hundreds of megabytes, which are not held twice
+    for part in fit.whitened_unit_partials(directions):
+        whitened[begin : (begin := begin + len(part))] = part
+    added = np.zeros((directions.shape[1],) * 2)
     rows_of_group, variances = dict[str, list[Indices]](), dict[str, list[float]]()
     names = {weight.name for weight in weights}
     processes = [correlation.noise.get(item.key, NO_NOISE) for item in series.series]
@@ -252,17 +255,19 @@ def _with_covariances(
         if process.is_significant and (item.shared or item.name) in names:
             variances.setdefault(group, []).append(process.log_variance)
     for group, variance in variances.items():
-        of_group = whitened[np.concatenate(rows_of_group[group])]
-        information = gram(of_group, of_group)
+        parts = (whitened[rows] for rows in rows_of_group[group])
+        information = sum((gram(part, part) for part in parts), np.zeros_like(added))
         added += 2.0 * np.mean(variance) * (information - information @ information)
+    weighted = noise.filter.adjoint(whitened, in_place=True)
+    unit = prior.T @ prior + gram(weighted, weighted)
     # Small series together, large ones one by one, so that their columns need little memory.
     lengths = np.array([len(rows) for rows in series.of_each])
     cuts = np.flatnonzero(np.diff(np.cumsum(lengths) // ROWS_AT_ONCE)) + 1
     for some in np.split(np.arange(len(lengths)), cuts):
         rows = np.concatenate([series.of_each[k] for k in some])
-        of_some, columns, begin = [processes[k] for k in some], weighted[rows], np.cumsum(lengths[some])
+        of_some, columns, ends = [processes[k] for k in some], weighted[rows], np.cumsum(lengths[some])
         step_s = np.diff(series.time_s[rows], prepend=0.0)
-        half = half_products(of_some, np.append(0, begin), step_s, np.ones(len(rows)), columns)
+        half = half_products(of_some, np.append(0, ends), step_s, np.ones(len(rows)), columns)
         added += _added(columns, half, of_some, lengths[some])
     unit = np.eye(len(directions)) + directions @ (unit - np.eye(len(unit))) @ directions.T
     fit = replace(fit, covariance=covariance_matrix(fit.factor, fit.parameters, unit))

@@ -79,24 +79,23 @@ def filter_innovations(
 @compiled(error_model="numpy")
 def filter_adjoint(
     process: Indices, sign: Floats, decay: Floats, gain: Floats, scale: Floats, columns: Floats
-) -> Floats:
-    """Transpose of :func:`filter_innovations`: both one after the other multiply by the inverse covariance."""
+) -> None:
+    """Transpose of :func:`filter_innovations`, in place: both together multiply by the inverse covariance."""
     n, m = columns.shape
     s, width = gain.shape[1], process.shape[1]
-    out, state = np.empty((n, m)), np.zeros((s, m))
+    state = np.zeros((s, m))
     for i in range(n - 1, -1, -1):
         for j in range(m):
             value = columns[i, j] * scale[i]
             for a in range(s):
                 value += gain[i, a] * state[a, j]
-            out[i, j] = value
+            columns[i, j] = value
             for c in range(width):
                 if process[i, c] >= 0:
                     state[process[i, c], j] -= sign[i, c] * value
         for a in range(s):
             for j in range(m):
                 state[a, j] *= decay[i, a]
-    return out
 
 
 @compiled(error_model="numpy")

@@ -85,9 +85,10 @@ class KalmanFilter:
         matrices = (matrix[rows] for matrix in (self.process, self.sign, self.decay, self.gain, self.scale))
         return np.asarray(filter_innovations(*matrices, state, np.ascontiguousarray(columns)))
 
-    def adjoint(self, columns: Floats) -> Floats:
+    def adjoint(self, columns: Floats, *, in_place: bool = False) -> Floats:
         """Transpose of :meth:`innovations` of all rows: both one after the other multiply by the inverse covariance."""
         from radioloc.noise._kernels import filter_adjoint
 
-        matrices = (self.process, self.sign, self.decay, self.gain, self.scale)
-        return np.asarray(filter_adjoint(*matrices, np.ascontiguousarray(columns)))
+        columns = np.ascontiguousarray(columns) if in_place else np.array(columns, order="C")
+        filter_adjoint(self.process, self.sign, self.decay, self.gain, self.scale, columns)
+        return columns

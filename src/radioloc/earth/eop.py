@@ -330,13 +330,14 @@ def read_eop_rows(
     """Read a C04 or finals2000A file, plain or gzip: the columns of an EopTable from a date on, and its sources."""
     path = Path(path)
     rows = _Rows.read(path)
-    used = rows.numbers("MJD") >= first_mjd_utc
+    mjd = rows.numbers("MJD")
+    used = mjd >= first_mjd_utc
     of_bulletin_a = rows.layout is _BULLETIN_A
     if of_bulletin_a:  # rows after the last prediction hold a date alone
         filled = np.flatnonzero(np.char.strip(rows.columns["UT1-UTC"]) != b"")
         used[filled[-1] + 1 if len(filled) else 0 :] = False
     rows = rows._replace(columns=rows.columns[used], lines=rows.lines[used])
-    mjd, x, y, ut1 = (rows.numbers(name) for name in ("MJD", "x", "y", "UT1-UTC"))
+    mjd, (x, y, ut1) = mjd[used], (rows.numbers(name) for name in ("x", "y", "UT1-UTC"))
     for k in np.flatnonzero(np.diff(mjd) != 1.0)[:1]:
         rows.fail(k + 1, f"MJD {mjd[k + 1]:.2f} follows {mjd[k]:.2f}; daily rows are needed")
     for k in np.flatnonzero((x == 0.0).astype(int) + (y == 0.0) + (ut1 == 0.0) >= 2)[:1]:

@@ -408,10 +408,10 @@ def _with_alternatives(
 
 
 def _is_possible(
-    item: _ErrorTest, best: _ErrorTest, products: ScoreProducts, indices: tuple[int, ...], noise_dof: float
+    item: _ErrorTest, best: _ErrorTest, products: ScoreProducts, indices: slice, noise_dof: float
 ) -> bool:
     """Return whether the best error, of the first columns, is insignificant once another error is estimated."""
-    joint_test = products.test((*indices, *range(best.width)))
+    joint_test = products.test([*range(indices.start, indices.stop), *range(best.width)])
     assert joint_test is not None  # the other error alone is determined
     chi2, dof = joint_test.chi2 - item.score_test.chi2, joint_test.dof - item.score_test.dof
     return not dof or f_log_p_value(chi2, dof, noise_dof) >= _LOG_SEPARABILITY_LEVEL

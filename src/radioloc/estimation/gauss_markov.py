@@ -530,13 +530,10 @@ def _fitted(likelihood: RestrictedLikelihood, tau_s: Floats, threshold: float) -
     odds = math.log(float(np.exp(density).sum()) * _FLICKER_RATIO_STEP)
     best_tau_s = float(coarse_taus_s[best // len(coarse_ratios)])
     if _observations_per(best_tau_s, likelihood) < _MIN_OBSERVATIONS_PER_TAU:
-        odds = -math.inf
+        wider = slice(0)
     tau_s, density, ratio, flicker_ratio = tau_s[taus], density[taus], RATIOS[ratios], RATIOS[wider]
     tried = [likelihood.evaluate(tau_s, ratio), likelihood.evaluate(taus_of_flicker_s, flicker_ratio, part)]
     _, white, joint, log_variance = (np.concatenate(arrays, axis=-1) for arrays in zip(*tried, strict=True))
-    count = len(tau_s) * len(ratio)
-    if odds == -math.inf:
-        joint[count:] = odds
     # Two parameters more than white noise: chi-square of two degrees of freedom, 1 - exp(-x / 2).
     if joint.max() < threshold:
         return {}

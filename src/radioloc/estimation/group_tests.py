@@ -383,7 +383,7 @@ class ScoreProducts:
     size: Floats  # (w,), norms of the whitened columns
     gain: Floats  # (c, w)
 
-    def information(self, columns: Sequence[int] | Indices, partners: Sequence[int] | Indices) -> Floats:
+    def information(self, columns: list[int] | slice, partners: list[int] | slice) -> Floats:
         """Information on coefficients of some columns with that on partners, (k, m)."""
         squares = self.whitened[:, columns].T @ self.whitened[:, partners]
         return np.asarray(squares - self.with_partials[columns] @ self.gain[:, partners])
@@ -395,17 +395,17 @@ class ScoreProducts:
 
     def test(
         self,
-        indices: Sequence[int] | slice = slice(None),
+        indices: list[int] | slice = slice(None),
         links: Mapping[int, float] | None = None,
         *,
         scaled: bool = False,
     ) -> ScoreTest | None:
         """Test some of the columns together; None if the parameters absorb them."""
-        columns = np.arange(len(self.size))[indices if isinstance(indices, slice) else list(indices)]
-        size, score, gain = self.size[columns], self.score[columns], self.gain[:, columns]
-        scale = np.divide(1.0, size, out=np.zeros_like(size), where=size > 0.0)
-        scale = np.ones_like(size) if scaled else scale
-        matrix = self.information(columns, columns) * scale[:, None] * scale
+        size, score, gain = self.size[indices], self.score[indices], self.gain[:, indices]
+        scale = np.ones(len(size))
+        if not scaled:
+            scale = np.divide(1.0, size, out=np.zeros(len(size)), where=size > 0.0)
+        matrix = self.information(indices, indices) * scale[:, None] * scale
         values, axes = (matrix[0], np.ones((1, 1))) if len(matrix) == 1 else np.linalg.eigh(matrix)
         determined = values > _MIN_SQUARE_FRACTION
         if not determined.any():
@@ -416,7 +416,7 @@ class ScoreProducts:
         width = self.problem.estimated_count
         chi2, dof, inflation = float(components @ components), int(determined.sum()), 1.0
         if links:  # errors of a station are common to its baselines
-            inflation = self.problem.inflation(links, shift, self.whitened[:, columns] @ estimate)
+            inflation = self.problem.inflation(links, shift, self.whitened[:, indices] @ estimate)
         log_p_value = chi2_log_p_value(chi2 / inflation, dof)
         of_shift = gain[:width] @ root
         return ScoreTest(chi2, dof, estimate, root, shift[:width].copy(), of_shift, log_p_value, inflation)

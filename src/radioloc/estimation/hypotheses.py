@@ -324,8 +324,8 @@ def _prior_family(role: Role) -> Family:
 
 def hypothesis_products(
     problem: BinnedProblem, hypotheses: Sequence[Hypothesis], common: Hypothesis | None = None
-) -> Iterator[tuple[Hypothesis, ScoreProducts, tuple[int, ...]]]:
-    """Yield hypotheses, products of columns of some of them, and the places of their columns in the products.
+) -> Iterator[tuple[Hypothesis, ScoreProducts, slice]]:
+    """Yield hypotheses, products of columns of some of them, and the slice of their columns in the products.
 
     The columns of a `common` hypothesis come first in all products.
     """
@@ -339,7 +339,7 @@ def hypothesis_products(
         items = [*first, *(item for item, _ in batch)]
         products, begin = problem.products(hstack([item.columns for item in items], format="csc")), 0
         for place, item in enumerate(items):
-            indices = tuple(range(begin, begin := begin + item.columns.shape[1]))
+            indices = slice(begin, begin := begin + item.columns.shape[1])
             if place >= len(first):
                 yield item, products, indices
 

@@ -102,7 +102,7 @@ def assess_reliability(
             result = replace(result, shift_per_unit_m=0.0 if is_rounding else refined_m)
         test = products.test(indices, item.links)
         if test is not None:
-            fractions = 1.0 / np.square(products.size[list(indices), None] * test.root).sum(axis=0)
+            fractions = 1.0 / np.square(products.size[indices, None] * test.root).sum(axis=0)
             revealed = fractions >= MIN_REVEALED_FRACTION
             if revealed.any():
                 length = math.sqrt(noncentrality(log_levels[item.family], test.dof) * test.variance_factor)
@@ -116,7 +116,7 @@ def assess_reliability(
 
 
 def _largest_singular_value(matrix: Floats) -> float:
-    return float(np.linalg.svd(matrix, compute_uv=False)[0])
+    return float(np.linalg.norm(matrix, 2) if matrix.shape[1] > 1 else np.linalg.norm(matrix))
 
 
 @cache

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from radioloc.constants import J2000_JD
+from radioloc.constants import J2000_JD, SECONDS_PER_DAY
 from radioloc.estimation.editing import THRESHOLD
 from radioloc.estimation.statistics import robust_scale
 from radioloc.labels import changed
@@ -60,7 +60,9 @@ class IntervalSums:
         slope, lever = np.zeros_like(t), np.zeros_like(t)
         np.divide(rt - r * t, variance_s2, out=slope, where=point_s != t)
         np.divide((point_s - t) ** 2, variance_s2, out=lever, where=point_s != t)
-        epoch = _REFERENCE.shifted((self.number + 0.5) * interval_s + point_s)
+        # Whole days apart, as a sum has rounding errors of 1e-7 s.
+        day, second_s = np.divmod((self.number + 0.5) * interval_s + point_s, SECONDS_PER_DAY)
+        epoch = Epochs.from_jd(J2000_JD + day, second_s / SECONDS_PER_DAY, "TAI")
         points = replace(self.observations, epoch=tai_to_utc(epoch), sigma_m=np.sqrt((1.0 + lever) / weight))
         order = np.lexsort((points.link, self.number))
         return points.select(order), (r + slope * (point_s - t))[order]

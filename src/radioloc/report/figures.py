@@ -253,8 +253,15 @@ def utc_dates(epoch_utc: Epochs) -> NDArray[np.datetime64]:
     return days.astype("datetime64[ms]") + milliseconds
 
 
+WIDE_TICKS, NARROW_TICKS = (4, 9), (3, 7)
+"""Least and largest number of dates on an axis, for which matplotlib finds an interval for any length of the arc."""
+
+
 def date_axes(
-    panels: Sequence[Axes], dates: NDArray[np.datetime64], ticks: tuple[int, int] = (4, 9), columns: int = 1
+    panels: Sequence[Axes],
+    dates: NDArray[np.datetime64],
+    ticks: tuple[int, int] = WIDE_TICKS,
+    columns: int = 1,
 ) -> None:
     """Label the horizontal axes with UTC dates below the lowest panel of each column."""
     from matplotlib.dates import AutoDateLocator, ConciseDateFormatter

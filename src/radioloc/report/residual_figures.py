@@ -20,6 +20,8 @@ from radioloc.measurements.observations import Observations
 from radioloc.measurements.registry import KINDS
 from radioloc.report.figures import (
     COLORS,
+    NARROW_TICKS,
+    WIDE_TICKS,
     date_axes,
     draws_names_literally,
     legend_outside,
@@ -283,7 +285,7 @@ def _grid(
     for k, (panel, half_height_m) in enumerate(zip(panels, half_heights_m(panels), strict=True)):
         _draw(places[k], residuals, dates, panel, half_height_m, COLORS[k % len(COLORS)])
     of_links = bool(panels[0].like)
-    date_axes(places, dates, (3, 6) if of_links else (4, 9), columns)
+    date_axes(places, dates, NARROW_TICKS if of_links else WIDE_TICKS, columns)
     if any(panel.crowded for panel in panels):
         notes.append(ENVELOPE_NOTE)
     color = "0.4" if notes else _REJECTED_COLOR
@@ -459,7 +461,7 @@ def plot_terms(terms: Mapping[str, Floats], observations: Observations, ax: Axes
         axes.set_ylabel(unit)
         panel_title(axes, name, "left", fontsize=8, fontweight="bold")
         panel_title(axes, f"up to {factor * largest_m[name]:.3g} {unit}", "right", fontsize=6.5)
-    date_axes(panels, dates, (3, 6), columns)
+    date_axes(panels, dates, NARROW_TICKS, columns)
     absent = [name for name in terms if name not in shown]
     note = f"below {1e6 * _MIN_TERM_M:g} micrometres: {', '.join(absent)}" if absent else None
     legend_outside(figure, panels[:1], 7, title=note, title_fontsize=7, markerscale=3.0)

@@ -7,10 +7,12 @@ from html import unescape
 import numpy as np
 import pytest
 from matplotlib import rc_context
+from matplotlib.figure import Figure
 from toy_moon import LANDER_M, ToyMoon, toy_solution
 
 from radioloc.errors import InputError
 from radioloc.report import plot_position, plot_residuals, save_figure
+from radioloc.report.figures import NARROW_TICKS, WIDE_TICKS, date_axes
 
 
 @pytest.fixture(scope="module")
@@ -70,6 +72,21 @@ def test_names_are_drawn_as_they_are_written(solution, name, settings, tmp_path)
 
 
 @pytest.mark.study
+@pytest.mark.parametrize("ticks", [WIDE_TICKS, NARROW_TICKS])
+def test_arcs_of_any_length_have_dates_without_warnings(ticks):
+    panel = Figure().subplots()
+    start = np.datetime64("2020-12-01T15:11:00.000")
+    for hours in (
+        *np.arange(0.02, 1.0, 0.02),
+        *np.arange(1.0, 120.0, 1.5),
+        *np.arange(150.0, 20000.0, 250.0),
+    ):
+        dates = start + np.array([0, 3.6e6 * hours]).astype("timedelta64[ms]")
+        date_axes([panel], dates, ticks)
+        panel.set_xlim(*dates)
+        assert 2 <= len(panel.get_xticks()) <= ticks[1] + 1
+
+
 def test_matplotlib_is_imported_only_when_used_and_pyplot_never():
     code = (
         "import sys, radioloc.report, radioloc.estimation\n"

@@ -84,7 +84,8 @@ def test_arcs_of_any_length_have_dates_without_warnings(ticks):
         dates = start + np.array([0, 3.6e6 * hours]).astype("timedelta64[ms]")
         date_axes([panel], dates, ticks)
         panel.set_xlim(*dates)
-        assert 2 <= len(panel.get_xticks()) <= ticks[1] + 1
+        # Seven minutes can have one multiple of five minutes in them.
+        assert (1 if hours < 0.2 else 2) <= len(panel.get_xticks()) <= ticks[1]
 
 
 def test_matplotlib_is_imported_only_when_used_and_pyplot_never():

@@ -30,7 +30,7 @@ def make(path: Path, count: int) -> None:
     from change5_case import LANDER, NOISE, RANGING, START, VLBI
 
     import radioloc
-    from radioloc.simulation import Schedule, Session, all_ranges, baselines, simulate
+    from radioloc.simulation import Scenario, Schedule, Session, all_ranges, baselines
     from radioloc.time import epochs_from_strings, tai_to_utc, utc_strings, utc_to_tai
 
     model = radioloc.measurements.PhysicalModel.build(off=["ionosphere"])
@@ -42,7 +42,7 @@ def make(path: Path, count: int) -> None:
     ]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", radioloc.errors.RadiolocWarning)
-        simulated = simulate(Schedule(sessions), LANDER, None, NOISE, model=model, seed=1).observations
+        simulated = Scenario(Schedule(sessions), LANDER, noise=NOISE, seed=1).world(model).draw().observations
     if len(simulated) < count:
         raise ValueError(f"{len(simulated)} observations to {stop}, too few for {count}")
     path.write_bytes(pickle.dumps(simulated.select(slice(0, count))))

@@ -32,7 +32,9 @@ def prepared(model, *sessions):
 def nees(world, model, noise):
     """Squared error of the fitted position in its formal covariance, by run; the fit is linear at the truth."""
     partials = (
-        ExactPredictor(model, world.plan.observations, FixedPoint(world.target_pa_m)).compute().by_position_pa
+        ExactPredictor(model, world.plan.observations, FixedPoint(world.targets[0].position_pa_m))
+        .compute()
+        .by_position_pa
         / world.plan.observations.sigma_m[:, None]
     )
     information = partials.T @ partials

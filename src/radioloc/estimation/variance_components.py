@@ -139,7 +139,7 @@ class _Problem:
             if probability is None:
                 # A group that is consistent with its stated sigmas keeps a component of zero.
                 wanted_m = np.where(tried_m[1] > 0.0, wanted_m, 0.0)
-            if _is_settled(wanted_m, tried_m[-1]):
+            if (np.abs(wanted_m - tried_m[-1]) <= _SETTLED_FRACTION * wanted_m).all():
                 break
             tried_m.append(wanted_m)
             edited = self.fit_with(wanted_m[group], edited)
@@ -197,10 +197,6 @@ def mean_leverage(fit: FitResult) -> float:
     a_priori = (fit.factor.root_covariance()[has_prior] / prior_sigmas[has_prior, None]) ** 2
     absorbed = sum(item.absorbed for item in fit.smoothed)
     return float(fit.factor.determined.sum() - a_priori.sum() + absorbed) / max(int(fit.used.sum()), 1)
-
-
-def _is_settled(sigma_m: Floats, previous_m: Floats) -> bool:
-    return bool((np.abs(sigma_m - previous_m) <= _SETTLED_FRACTION * sigma_m).all())
 
 
 def additive_sigma_m(

@@ -167,7 +167,9 @@ def mistakes(observations: Observations) -> Iterator[Mistake]:
         **dict(_ahead_of_utc_s(observations.epoch)),
     }
     for text, ahead_s in tag_errors_s.items():
-        earlier = replace(observations, epoch=_earlier(observations.epoch, ahead_s))
+        epoch = observations.epoch
+        utc = Epochs(epoch.jd, epoch.fraction - ahead_s / SECONDS_PER_DAY, "UTC")  # of clocks that are ahead
+        earlier = replace(observations, epoch=utc)
         for owner, rows in owners:
             yield Mistake(f"the time tags of {owner} are {text}", rows, corrected=earlier)
     for event, (tag, text) in enumerate(_TAGS.items()):
@@ -388,11 +390,6 @@ def _sample(problem: EstimationProblem) -> Indices:
     return np.sort(
         np.concatenate([rows[np.round(k).astype(int)] for rows, k in zip(series, places, strict=True)])
     )
-
-
-def _earlier(epoch: Epochs, ahead_s: float | Floats) -> Epochs:
-    """Return UTC epochs of clocks that are ahead."""
-    return Epochs(epoch.jd, epoch.fraction - ahead_s / SECONDS_PER_DAY, "UTC")
 
 
 def _ahead_of_utc_s(epoch: Epochs) -> Iterator[tuple[str, Floats]]:

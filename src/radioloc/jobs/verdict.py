@@ -19,7 +19,7 @@ from radioloc.estimation.adaptation import MAX_SHIFT_SIGMAS
 from radioloc.estimation.consider import UnestimatedErrors
 from radioloc.estimation.consistency_results import ConsistencyTest
 from radioloc.estimation.editing import EditedFit
-from radioloc.estimation.series import LinkSeries, SeriesOrder
+from radioloc.estimation.series import SeriesOrder
 from radioloc.estimation.stated_sigmas import noise_over_stated
 from radioloc.estimation.status import Doubt, FitStatus
 from radioloc.estimation.variance_components import mean_leverage
@@ -100,16 +100,16 @@ def misfits(edited: EditedFit, stated_m: Floats, order: SeriesOrder) -> Iterator
         )
 
 
-def _receivers(series: LinkSeries) -> list[str]:
-    return sorted(station for station, sign in series.signs.items() if sign)
-
-
 def _rejected_stations(edited: EditedFit, order: SeriesOrder) -> Iterator[Doubt]:
     """Doubt types of observation of stations or baselines with many outliers."""
     series_count = len(order.series)
     outliers = np.bincount(order.code, edited.outliers, series_count)
     usable = np.bincount(order.code, edited.initial_status.are(USED), series_count)
-    names = [f"{series.kind} observations of {'-'.join(_receivers(series))}" for series in order.series]
+    receivers = (sorted(station for station, sign in item.signs.items() if sign) for item in order.series)
+    names = [
+        f"{item.kind} observations of {'-'.join(stations)}"
+        for item, stations in zip(order.series, receivers, strict=True)
+    ]
     rejected = list[str]()
     for name in dict.fromkeys(names):
         codes = [code for code, series_name in enumerate(names) if series_name == name]

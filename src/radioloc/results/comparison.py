@@ -200,13 +200,14 @@ class Comparison(Result):
         heading = ("1 sigma", "L, m", "B, m", "h, m", "height, m")
         sizes = ((row.name, *map(metres, row.sigmas_m), f"{row.height_m:.1f}") for row in self.estimates)
         pairs = ("difference", "east, m", "north, m", "up, m", "sigmas", "chance, %")
+        untested = untested_lines((f"{pair.one} and {pair.two}", pair.why) for pair in self.agreements)
         return Card(
             (
                 Field("comparison", (plural(len(self.estimates), "estimate"),)),
                 Field("status", self._status()),
                 *position_fields(self.rows, self.frame, self.benchmark),
                 Field("", (), heading, sizes),
-                Field("agreement", (), pairs, map(_pair, self.agreements), self._untested()),
+                Field("agreement", (), pairs, map(_pair, self.agreements), untested),
                 Field("joint", self._joint()),
             )
         )
@@ -228,9 +229,6 @@ class Comparison(Result):
                 if tested
                 else "no pair could be tested"
             )
-
-    def _untested(self) -> Iterator[str]:
-        return untested_lines((f"{pair.one} and {pair.two}", pair.why) for pair in self.agreements)
 
     def _joint(self) -> Iterator[str]:
         if self.joint is None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -28,11 +28,6 @@ _ORBIT_AXES = (
     "T along, N across the orbit, R radial; at the state's epoch, in the middle and at the end of the arc"
 )
 _SHORT = {"along": "T", "across": "N", "radial": "R", "east": "E", "north": "N", "up": "U"}
-
-
-def sides_of(columns: Sequence[str]) -> tuple[str, ...]:
-    """Return the axes of the errors: those of a place, or of an orbit."""
-    return EAST_NORTH_UP if "east_m" in columns else ALONG_ACROSS_RADIAL
 
 
 @dataclass(frozen=True, slots=True)
@@ -169,7 +164,7 @@ class MonteCarlo(Result):
     @property
     def sides(self) -> tuple[str, ...]:
         """Axes of the errors: east, north and up, or of an orbit along, across and radial."""
-        return sides_of(self.columns)
+        return EAST_NORTH_UP if "east_m" in self.columns else ALONG_ACROSS_RADIAL
 
     @property
     def arcs(self) -> tuple[ArcSummary | None, ...]:

@@ -429,26 +429,28 @@ def _notes(study: ArcStudy, rows: tuple[PositionRow, ...]) -> Iterator[str]:
     for arc in study.arcs:
         if arc.span_h < _MIN_FILLED_FRACTION * arc.hours:
             yield f"the arc of {arc.name} is longer than its data, which end after {arc.span_h:.2f} h"
-    differences = [(row.from_longest_sigmas, row) for row in rows if row.from_longest_sigmas is not None]
-    limit = _max_chance_sigmas(2, len(differences))
-    for sigmas, row in differences:
-        if sigmas > limit:
-            yield (
-                f"{row.name} and {study.arcs[0].name} are {row.from_longest_m:.1f} m apart, "
-                f"{sigmas:.1f} sigmas of that difference (99.9 % are below {limit:.2f}): "
-                "the sigmas are too small, as errors of the data are correlated or the model is incomplete"
-            )
-    states = [
-        (state.from_longest_sigmas, state) for state in study.states if state.from_longest_sigmas is not None
+    longest = study.arcs[0].name
+    positions = [
+        (row.from_longest_sigmas, f"{row.name} and {longest} are {row.from_longest_m:.1f} m apart")
+        for row in rows
+        if row.from_longest_sigmas is not None
     ]
-    limit = _max_chance_sigmas(6, len(states))
-    for sigmas, state in states:
-        if sigmas > limit:
-            yield (
-                f"states of {state.target or 'the orbiter'} from {state.name} and {study.arcs[0].name} differ by "
-                f"{sigmas:.1f} sigmas (99.9 % are below {limit:.2f}): the sigmas are "
-                "too small, as errors of the data are correlated or the model is incomplete"
-            )
+    states = [
+        (
+            row.from_longest_sigmas,
+            f"states of {row.target or 'the orbiter'} from {row.name} and {longest} differ",
+        )
+        for row in study.states
+        if row.from_longest_sigmas is not None
+    ]
+    for dof, differences in ((2, positions), (6, states)):
+        limit = _max_chance_sigmas(dof, len(differences))
+        for sigmas, text in differences:
+            if sigmas > limit:
+                yield (
+                    f"{text}, by {sigmas:.1f} sigmas (99.9 % are below {limit:.2f}): the sigmas are too small, as "
+                    "errors of the data are correlated or the model is incomplete"
+                )
     # Notes are those of the longest arc; the counts of observations differ from arc to arc.
     yield from (note for note in study.longest.notes if "not selected:" not in note)
 

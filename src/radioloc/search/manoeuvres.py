@@ -23,7 +23,7 @@ from radioloc.measurements.observations import Observations
 from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.registry import is_integrated
 from radioloc.measurements.target_motion import OrbitMotion
-from radioloc.targets.design import first_a_priori_orbit
+from radioloc.targets.design import a_priori_orbits
 from radioloc.targets.orbit_state import RTN
 from radioloc.time import Epochs, tt_to_tdb, utc_strings, utc_to_tt
 from radioloc.vectors import Floats, Indices, Mask, rtn_axes
@@ -152,9 +152,7 @@ class _Search:
     @property
     def orbit(self) -> AdjustableOrbit:
         """Orbit without the manoeuvre."""
-        orbit = first_a_priori_orbit(self.part)
-        assert orbit is not None
-        return orbit
+        return a_priori_orbits(self.part)[0]
 
     @cached_property
     def time_s(self) -> Floats:

@@ -11,7 +11,7 @@ from radioloc.simulation.schedule import (
     three_way,
     two_way,
 )
-from radioloc.simulation.simulate import Scenario, Simulated, World, simulate
+from radioloc.simulation.simulate import Scenario, Simulated, World
 from radioloc.simulation.truth import Truth, TruthSigma
 from radioloc.simulation.visibility import Elevations, Masks, Window, elevations, windows
 
@@ -33,7 +33,6 @@ __all__ = [
     "baselines",
     "elevations",
     "one_way",
-    "simulate",
     "three_way",
     "two_way",
     "windows",

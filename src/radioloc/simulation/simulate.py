@@ -55,16 +55,6 @@ class Simulated:
     is_outlier: Mask
     notes: tuple[str, ...] = ()  #: types without noise, and complexes of which all antennas take part
 
-    @property
-    def target_pa_m(self) -> Floats:
-        """True position of the first target, principal axes, m, shape (3,); zeros of a spacecraft."""
-        return self.targets[0].position_pa_m
-
-    @property
-    def trajectory(self) -> SpacecraftTrajectory | None:
-        """True trajectory of the first target, if it is a spacecraft."""
-        return self.targets[0].trajectory
-
     def __repr__(self) -> str:
         first, last = self.observations.span().day_strings()
         outliers = int(self.is_outlier.sum())
@@ -100,11 +90,6 @@ class World:
 
     def __repr__(self) -> str:
         return f"<World {len(self.plan.observations)} observations of {self.scenario.name}>"
-
-    @property
-    def target_pa_m(self) -> Floats:
-        """True position of the first target, principal axes, m, shape (3,); zeros of a spacecraft."""
-        return self.targets[0].position_pa_m
 
     @property
     def value_m(self) -> Floats:
@@ -175,7 +160,19 @@ ConsideredOf = Callable[[Predictor], Mapping[str, ParameterChoice]]
 
 @dataclass(frozen=True, slots=True)
 class Scenario:
-    """Simulation apart from the nominal model, with which the observations would be fitted."""
+    """Simulation apart from the nominal model, with which the observations would be fitted.
+
+    Examples
+    --------
+    >>> import radioloc
+    >>> from radioloc.measurements import PhysicalModel
+    >>> from radioloc.simulation import Scenario, Schedule, Session, two_way
+    >>> lander = radioloc.LunarPosition.from_selenographic(-51.9162, 43.0584, -2550.4)
+    >>> start, stop = "2020-12-01T17:00:00", "2020-12-01T18:00:00"
+    >>> hour = Session("range", two_way("KASHI"), start, stop, step_s=60.0, sigma_m=2.5)
+    >>> Scenario(Schedule([hour]), lander, seed=1).world(PhysicalModel.build()).draw()
+    <Simulated 61 2020-12-01 to 2020-12-01, seed 1, 0 outliers>
+    """
 
     schedule: Schedule
     #: True position, trajectory or orbit of the target, or of several by name.
@@ -203,9 +200,18 @@ class Scenario:
         return self.truth_sigma.clock_epoch_utc or _middle_utc(self.schedule)
 
     def world(self, model: PhysicalModel, considered: ConsideredOf | None = None) -> World:
-        """Compute the world without noise, for a nominal model; errors are those of :func:`simulate`.
+        """Compute the world without noise, for a nominal model.
 
         The errors that a fit considers, `considered`, are drawn unless the scenario states some of their kind.
+
+        Raises
+        ------
+        InputError
+            The model is not valid for an observation (too low for the troposphere).
+        StationError
+            A station is not in the catalogue.
+        CoverageError
+            An epoch lies outside the kernels or the Earth orientation table.
         """
         targets = tuple(self._target(name, record, model) for name, record in self.targets.items())
         motions = {item.name: item.motion for item in targets}
@@ -266,42 +272,6 @@ def spanning_motion(record: TargetRecord, model: PhysicalModel, utc: Epochs) -> 
     if isinstance(record, StateAndForces):
         return TrajectoryMotion(record.orbit_spanning(model, utc, 0.0).nearest())
     return declared_motion(record, model)
-
-
-def simulate(
-    schedule: Schedule,
-    target: TargetRecord | Mapping[str, TargetRecord],
-    truth: Truth | None = None,
-    noise: NoiseModel | None = None,
-    *,
-    model: PhysicalModel,
-    seed: int = 0,
-    name: str = "lander",
-) -> Simulated:
-    """Simulate the tracking of points on the Moon and of spacecraft; arguments are the fields of :class:`Scenario`.
-
-    Raises
-    ------
-    InputError
-        An argument is invalid, or the model is not valid for an observation (too low for the troposphere).
-    StationError
-        A station is not in the catalogue.
-    CoverageError
-        An epoch lies outside the kernels or the Earth orientation table.
-
-    Examples
-    --------
-    >>> import radioloc
-    >>> from radioloc.measurements import PhysicalModel
-    >>> from radioloc.simulation import Schedule, Session, simulate, two_way
-    >>> lander = radioloc.LunarPosition.from_selenographic(-51.9162, 43.0584, -2550.4)
-    >>> start, stop = "2020-12-01T17:00:00", "2020-12-01T18:00:00"
-    >>> hour = Session("range", two_way("KASHI"), start, stop, step_s=60.0, sigma_m=2.5)
-    >>> simulate(Schedule([hour]), lander, model=PhysicalModel.build(), seed=1)
-    <Simulated 61 2020-12-01 to 2020-12-01, seed 1, 0 outliers>
-    """
-    scenario = Scenario(schedule, target, truth or Truth(), noise or NoiseModel(), seed=seed, name=name)
-    return scenario.world(model).draw()
 
 
 def _middle_utc(schedule: Schedule) -> str:

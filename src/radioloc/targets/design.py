@@ -245,8 +245,3 @@ def a_priori_orbits(predictor: Predictor) -> list[AdjustableOrbit]:
     """Return the a-priori orbits that a predictor was prepared with."""
     adjustable = [motion.adjustable for motion in predictor.motions]
     return [orbit for orbit in adjustable if isinstance(orbit, AdjustableOrbit)]
-
-
-def first_a_priori_orbit(predictor: Predictor) -> AdjustableOrbit | None:
-    """Return the first a-priori orbit that a predictor was prepared with; None without any."""
-    return next(iter(a_priori_orbits(predictor)), None)

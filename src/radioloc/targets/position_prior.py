@@ -45,7 +45,7 @@ class PositionPrior:
     cross_enu_m2: Mapping[str, Floats] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        self.factors()
+        _factors(self.covariance_enu_m2)  # refuses what is not positive definite
 
     @property
     def has_height(self) -> bool:
@@ -58,18 +58,12 @@ class PositionPrior:
         gain = covariance[:, 2] / (covariance[2, 2] + sigma_m**2)
         return replace(
             self,
-            mean=self.mean_displaced(gain * (height_m - here_m)),
+            mean=LunarPosition.from_cartesian(
+                displaced(self.mean.xyz_m, gain * (height_m - here_m)), self.mean.frame
+            ),
             covariance_enu_m2=covariance - np.outer(gain, covariance[2]),
             errors_enu_m={name: error - gain * error[2] for name, error in self.errors_enu_m.items()},
         )
-
-    def mean_displaced(self, enu_m: Floats) -> LunarPosition:
-        """Return the point at a local difference from the mean."""
-        return LunarPosition.from_cartesian(displaced(self.mean.xyz_m, enu_m), self.mean.frame)
-
-    def factors(self) -> tuple[Floats, Floats]:
-        """Return L (3, 3) and the standard deviations of u (3,), infinite for a height that is not determined."""
-        return _factors(self.covariance_enu_m2)
 
 
 def _factors(covariance_enu_m2: Floats) -> tuple[Floats, Floats]:

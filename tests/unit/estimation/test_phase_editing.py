@@ -116,7 +116,7 @@ def tracking():
     noise = NoiseModel({"doppler": Noise(white_m=NOISE_M), "range": Noise(white_m=1.0)})
     scenario = Scenario(Schedule([*sessions, ranges]), LANDER, Truth(), noise, seed=1)
     world = scenario.world(PhysicalModel.build())
-    return world.draw().observations, world.target_pa_m
+    return world.draw().observations, world.targets[0].position_pa_m
 
 
 @pytest.mark.study

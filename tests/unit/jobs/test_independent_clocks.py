@@ -42,7 +42,7 @@ def study(**estimate):
 
 def observed(planned, **offsets):
     world = Scenario(Schedule(planned), LANDER, Truth(**offsets), NOISE, seed=3).world(PhysicalModel.build())
-    return world.draw().observations, world.target_pa_m
+    return world.draw().observations, world.targets[0].position_pa_m
 
 
 @pytest.fixture(scope="module")

@@ -65,7 +65,7 @@ def scene(tmp_path_factory):
 
 def test_the_world_is_the_tracking_of_the_true_orbit(scene):
     study, simulated = scene
-    observations, orbit = simulated.observations, simulated.trajectory
+    observations, orbit = simulated.observations, simulated.targets[0].trajectory
     assert isinstance(orbit, Orbit)
     assert orbit.states(orbit.epoch)[0][0] == pytest.approx(TRUE_M, abs=1e-6)
     # Integrated by itself, not by way of the study.
@@ -88,7 +88,7 @@ def test_who_sees_it_is_told_from_the_study(scene):
     masks = study.simulation.schedule.masks
     limits = (
         PhysicalModel.build(),
-        simulated.trajectory,
+        simulated.targets[0].trajectory,
         ["DSS-24"],
         result.start_utc,
         result.stop_utc,

@@ -55,7 +55,7 @@ def recovered_error_m(sessions, longitude_deg, latitude_deg, model, seed):
     world = Scenario(Schedule(sessions, MASKS), target).world(model)
     observations = world.draw().observations
     direction = np.random.default_rng(seed).normal(size=3)
-    start_m = world.target_pa_m + START_OFFSET_M * direction / np.linalg.norm(direction)
+    start_m = world.targets[0].position_pa_m + START_OFFSET_M * direction / np.linalg.norm(direction)
     arc = ExactPredictor(model, observations, FixedPoint(start_m))
 
     def residuals(x):
@@ -70,7 +70,7 @@ def recovered_error_m(sessions, longitude_deg, latitude_deg, model, seed):
     )
     fit = fit_least_squares(residuals, parameters, observations.sigma_m)
     assert fit.converged, fit.status
-    return float(np.linalg.norm(fit.x - world.target_pa_m))
+    return float(np.linalg.norm(fit.x - world.targets[0].position_pa_m))
 
 
 QUICK_SITES = (0, 5, 11)  # middle of the near side, Chang'e-5 lander, limb in the south-west

@@ -36,7 +36,7 @@ def test_values_are_the_sum_of_the_recorded_parts(lander, lander_pa_m, model):
     parts = simulated.error_free_m + simulated.noise_m + sum(simulated.added_m.values())
     np.testing.assert_allclose(simulated.observations.value_m, parts, rtol=0.0, atol=3e-7)
     assert set(simulated.added_m) == {"range_bias", "station_delay", "station_position"}
-    assert (simulated.target_pa_m == lander_pa_m).all()
+    assert (simulated.targets[0].position_pa_m == lander_pa_m).all()
     assert (simulated.truth, simulated.noise, simulated.seed) == (TRUTH, NOISE, 4)
     assert {link.target for link in simulated.observations.links} == {"ce5"}
     assert set(simulated.observations.sigma_m.tolist()) == {3.0, 0.5}
@@ -68,7 +68,10 @@ def test_errors_of_each_pass_are_drawn(lander, lander_pa_m, model):
     assert set(simulated.drawn) == {"position.up", "clock.SESHAN25 1", "clock.SESHAN25 2"}
     up = lander_pa_m / np.linalg.norm(lander_pa_m)
     np.testing.assert_allclose(
-        simulated.target_pa_m, lander_pa_m + simulated.drawn["position.up"] * up, rtol=0.0, atol=1e-6
+        simulated.targets[0].position_pa_m,
+        lander_pa_m + simulated.drawn["position.up"] * up,
+        rtol=0.0,
+        atol=1e-6,
     )
     rows = simulated.observations.types() == "vlbi_delay"
     clock_m = simulated.drawn_m[rows] - simulated.drawn["position.up"] * world.drawn.partials[0, rows]

@@ -50,6 +50,18 @@ class UnestimatedErrors:
     parameters: ParameterSet
     partials: RowsOf
 
+    def joined(self, other: UnestimatedErrors) -> UnestimatedErrors:
+        """Return two sets of errors as one."""
+        if not (self.parameters and other.parameters):
+            return self if self.parameters else other
+        return UnestimatedErrors(
+            ParameterSet([*self.parameters, *other.parameters]),
+            lambda rows: np.hstack([self.partials(rows), other.partials(rows)]),
+        )
+
+
+NO_ERRORS = UnestimatedErrors(ParameterSet([]), lambda rows: np.zeros((len(rows), 0)))
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Consider:
@@ -106,9 +118,7 @@ class ReportedEstimate:
     consider: Consider | None
 
 
-def reported_estimate(
-    fit: FitResult, covariance: Floats, unadjusted: UnestimatedErrors | None
-) -> ReportedEstimate:
+def reported_estimate(fit: FitResult, covariance: Floats, unadjusted: UnestimatedErrors) -> ReportedEstimate:
     """Separate the estimate from the considered parameters, whose errors are a part of `covariance` (all, all)."""
     considered = fit.parameters.considered
     estimated, considered_indices = np.flatnonzero(~considered).tolist(), np.flatnonzero(considered).tolist()
@@ -121,9 +131,8 @@ def reported_estimate(
     shifts[np.isinf(np.diag(formal))] = 0.0
     formal, scaled = (_subtract(matrix, shifts @ shifts.T) for matrix in (formal, scaled))
     in_weights = tuple(dict.fromkeys(item.kind for item in items))
-    if unadjusted is not None:
-        shifts = np.hstack([shifts, sensitivity(fit, unadjusted).sensitivity[estimated]])
-        items += unadjusted.parameters.parameters
+    shifts = np.hstack([shifts, sensitivity(fit, unadjusted).sensitivity[estimated]])
+    items += unadjusted.parameters
     return ReportedEstimate(
         ParameterSet([fit.parameters.parameters[k] for k in estimated]),
         fit.x[estimated],

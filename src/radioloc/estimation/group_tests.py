@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from radioloc.estimation.consider import UnestimatedErrors
+from radioloc.estimation.consider import NO_ERRORS, UnestimatedErrors
 from radioloc.estimation.gauss_markov import Points, SeriesNoise, noise_of_series
 from radioloc.estimation.least_squares import FitResult
 from radioloc.estimation.linearization import gram, matrix_product
@@ -137,37 +137,28 @@ class BinnedProblem:
         fit: FitResult,
         order: SeriesOrder,
         noise_of: Callable[[Points], Mapping[str, SeriesNoise]],
-        considered: UnestimatedErrors | None = None,
-        candidates: UnestimatedErrors | None = None,
+        considered: UnestimatedErrors = NO_ERRORS,
+        candidates: UnestimatedErrors = NO_ERRORS,
     ) -> BinnedProblem:
         """Bin a fit, its parameters scaled to unit formal covariance and consider parameters to a-priori sigmas."""
-        free, sigmas = fit.parameters.free, fit.parameters.prior_sigmas[fit.parameters.free]
-        offset = (fit.parameters.prior_values - fit.x)[free]
+        from scipy.linalg import block_diag
+
+        free, considered_sigmas = fit.parameters.free, considered.parameters.prior_sigmas
         unit, width = mixed_units(fit)
-        if considered is not None:
-            considered_sigmas = considered.parameters.prior_sigmas
-            unit = np.block(
-                [
-                    [unit, np.zeros((len(unit), len(considered_sigmas)))],
-                    [np.zeros((len(considered_sigmas), unit.shape[1])), np.diag(considered_sigmas)],
-                ]
-            )
-            sigmas, offset = (
-                np.concatenate([sigmas, considered_sigmas]),
-                np.concatenate([offset, np.zeros(len(considered_sigmas))]),
-            )
+        unit = block_diag(unit, np.diag(considered_sigmas))
+        sigmas = np.append(fit.parameters.prior_sigmas[free], considered_sigmas)
+        offset = np.append((fit.parameters.prior_values - fit.x)[free], np.zeros(len(considered_sigmas)))
 
         def constant_and_partials(rows: Rows) -> Floats:
             columns = [np.ones((len(rows), 1)), fit.linearization.partials(rows)[:, free]]
-            columns += [errors.partials(rows) for errors in (considered, candidates) if errors is not None]
+            columns += [considered.partials(rows), candidates.partials(rows)]
             return np.hstack(columns)
 
         series = independent_series(order, fit.noise, fit.used)
         points = points_of(series, column(fit.residual_m))
         place, code, sums = link_contributions(series, order, constant_and_partials)
         sums, changes = np.split(sums, [1 + len(unit)], axis=1)
-        if candidates is not None:
-            changes = changes * candidates.parameters.prior_sigmas
+        changes = changes * candidates.parameters.prior_sigmas
         partials = np.zeros((len(points.gain), sums.shape[1] - 1))
         np.add.at(partials, place, sums[:, 1:])
         values = np.hstack([sums[:, :1], sums[:, 1:] @ unit[:, :width]])

@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from radioloc.constants import C_M_S
-from radioloc.estimation.consider import UnestimatedErrors, owner
+from radioloc.estimation.consider import NO_ERRORS, UnestimatedErrors, owner
 from radioloc.estimation.editing import EditedFit
 from radioloc.estimation.gauss_markov import TimeCorrelation
 from radioloc.estimation.group_tests import BinnedProblem, ScoreProducts, noise_of_each
@@ -104,8 +104,8 @@ class Hypotheses:
     fitted: BinnedProblem  # with the weights of the fit
     fit: FitResult
     order: SeriesOrder
-    considered: UnestimatedErrors | None
-    candidates: UnestimatedErrors | None  # parameters that the fit holds at zero
+    considered: UnestimatedErrors
+    candidates: UnestimatedErrors  # parameters that the fit holds at zero
     codes: tuple[int, ...]  # indices of all series
     count_s: Floats | None = None  # (n,), count intervals
     readmitted_runs: tuple[Rows, ...] = ()  # runs of outliers that are observations of the problem
@@ -116,8 +116,8 @@ class Hypotheses:
         edited: EditedFit,
         order: SeriesOrder,
         correlation: TimeCorrelation | None,
-        considered: UnestimatedErrors | None = None,
-        candidates: UnestimatedErrors | None = None,
+        considered: UnestimatedErrors = NO_ERRORS,
+        candidates: UnestimatedErrors = NO_ERRORS,
         count_s: Floats | None = None,
         runs: Iterable[Rows] = (),
     ) -> Hypotheses | None:
@@ -198,7 +198,7 @@ class Hypotheses:
     @cached_property
     def _range_bias_sigmas_m(self) -> dict[str, float]:
         """A-priori or usual sigmas of range biases by station or link."""
-        errors = [errors.parameters for errors in (self.considered, self.candidates) if errors is not None]
+        errors = self.considered.parameters, self.candidates.parameters
         items = (item for parameters in (self.fit.parameters, *errors) for item in parameters)
         return {
             owner(item): item.prior_sigma
@@ -217,7 +217,7 @@ class Hypotheses:
         """Yield errors of a-priori values."""
         parameters = self.fit.parameters
         priors = [item for item in parameters if not item.fixed and math.isfinite(item.prior_sigma)]
-        priors += [] if self.considered is None else self.considered.parameters.parameters
+        priors += self.considered.parameters
         first, places = len(self.problem.points.time_s), dict[str, list[int]]()
         common = dict[tuple[str, str], list[int]]()
         for index, item in enumerate(priors):
@@ -269,8 +269,6 @@ class Hypotheses:
         """Yield errors of parameters that the fit holds at zero."""
         from scipy.sparse import csc_array
 
-        if self.candidates is None:
-            return
         groups = dict[str, list[int]]()
         for index, item in enumerate(self.candidates.parameters):
             groups.setdefault(item.kind, []).append(index)

@@ -104,20 +104,19 @@ class ComparedTarget:
         x: Floats,
         orbits: GravityErrorOrbits,
         names: Sequence[str],
-        unadjusted: ParameterSet | None,
+        unadjusted: ParameterSet,
     ) -> Compared:
         """Return the comparison of estimates linearized at x, where errors outside the weights change the truth."""
         problem, by_drawn = part.problem, self.drawn_moves(part, names)
         model, reported = problem.model, problem.reported_count
         assert problem.choice is not None
-        count = 0 if unadjusted is None else len(unadjusted)
         if not self.compares_states:
             place_m, enu_pa = self._true_place(part, x)
             return Compared(
                 axes=self.axes,
                 by_parameters=(enu_pa @ model.position_partials(x, self.index)[:, :reported])[None],
                 by_drawn=by_drawn,
-                by_considered=np.zeros((1, 3, count)),
+                by_considered=np.zeros((1, 3, len(unadjusted))),
                 offset_m=np.zeros((1, 3)),
                 added_m2=np.diag(np.array(problem.choice.ephemeris_sigma_m) ** 2),
                 height_m=float(np.linalg.norm(place_m)) - MEAN_LUNAR_RADIUS_M,
@@ -125,8 +124,8 @@ class ComparedTarget:
         tdb, truth = self.epochs(part), self._trajectory
         estimate = self.target.orbit_at(x[model.columns_of(self.index)])
         assert estimate is not None
-        by_considered = np.zeros((len(tdb), 6, count))
-        if unadjusted is not None and self.index in orbits:
+        by_considered = np.zeros((len(tdb), 6, len(unadjusted)))
+        if self.index in orbits:
             of_gravity = own_gravity_errors(unadjusted, orbits, model, self.index)
             direct = along_across_radial(estimate, tdb, orbits[self.index].effects(tdb))
             by_considered[..., of_gravity] = -direct  # it is the truth that they move

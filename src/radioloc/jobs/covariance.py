@@ -248,8 +248,7 @@ def _better_known(fit: PlannedFit, target: int) -> Iterator[Improvement]:
 
     arc, parameters = fit.planned(target), fit.parameters
     in_weights = [item for item in parameters if item.role is Role.CONSIDERED]
-    unadjusted = () if fit.unadjusted_errors is None else fit.unadjusted_errors.parameters
-    for kind in dict.fromkeys(item.kind for item in (*in_weights, *unadjusted)):
+    for kind in dict.fromkeys(item.kind for item in (*in_weights, *fit.unadjusted_errors.parameters)):
         owners = dict[str, list[str]]()
         for item in in_weights:
             if item.kind == kind:

@@ -9,7 +9,7 @@ import numpy as np
 
 from radioloc.dynamics import AdjustableOrbit
 from radioloc.dynamics.stochastic import interval_accelerations
-from radioloc.estimation.consider import Consider, UnestimatedErrors, owner
+from radioloc.estimation.consider import NO_ERRORS, Consider, UnestimatedErrors, owner
 from radioloc.estimation.hypotheses import FORCES, TERM
 from radioloc.measurements.physical_model import TERMS
 from radioloc.measurements.predictor import Predictor
@@ -32,10 +32,10 @@ GravityErrorOrbits = Mapping[int, AdjustableOrbit]
 
 def parameter_errors(
     blocks: Sequence[ParameterBlock], model: ObservationModel, x: Floats
-) -> UnestimatedErrors | None:
-    """Return parameters with their partials at the parameters x of a model; None without any."""
+) -> UnestimatedErrors:
+    """Return parameters with their partials at the parameters x of a model."""
     if not blocks:
-        return None
+        return NO_ERRORS
     errors = replace(ObservationModel.from_targets(model.predictor, (), blocks), reference=model.reference)
     motions = model.motions(x)
     prediction, residual_m = model.predictor.predict(motions), np.zeros(0)  # residuals are not asked for
@@ -73,13 +73,13 @@ def fixed_parameter_blocks(predictor: Predictor, parameters: Iterable[Parameter]
     return blocks
 
 
-def term_errors(model: ObservationModel, x: Floats) -> UnestimatedErrors | None:
+def term_errors(model: ObservationModel, x: Floats) -> UnestimatedErrors:
     """Return each switched-off term of the model as a parameter: 1 if the observations contain the term."""
     predictor, physical, effects_m = model.predictor, model.predictor.model, dict[str, Floats]()
     unavailable = {"ionosphere"} if physical.ionosphere is None else set[str]()
     names = [name for name in TERMS if name not in unavailable and not physical.has(name)]
     if not names:
-        return None
+        return NO_ERRORS
     motions = model.motions(x)
     value_m = predictor.predict(motions).value_m
     for name in names:
@@ -88,7 +88,7 @@ def term_errors(model: ObservationModel, x: Floats) -> UnestimatedErrors | None:
         if effect_m.any():
             effects_m[f"{TERM}.{name}"] = effect_m
     if not effects_m:
-        return None
+        return NO_ERRORS
     return unit_errors(TERM, list(effects_m), np.nan_to_num(np.column_stack(list(effects_m.values()))))
 
 
@@ -98,22 +98,10 @@ def unit_errors(kind: str, names: Iterable[str], effects_m: Floats) -> Unestimat
     return UnestimatedErrors(ParameterSet(items), lambda rows: effects_m[rows])
 
 
-def join_errors(
-    first: UnestimatedErrors | None, second: UnestimatedErrors | None
-) -> UnestimatedErrors | None:
-    """Return two sets of errors as one."""
-    if first is None or second is None:
-        return second if first is None else first
-    return UnestimatedErrors(
-        ParameterSet([*first.parameters, *second.parameters]),
-        lambda rows: np.hstack([first.partials(rows), second.partials(rows)]),
-    )
-
-
-def gravity_errors(orbits: GravityErrorOrbits, model: ObservationModel) -> UnestimatedErrors | None:
+def gravity_errors(orbits: GravityErrorOrbits, model: ObservationModel) -> UnestimatedErrors:
     """Return errors of gravity fields with their effects on the observations; orbits in one field share them."""
     if not orbits:
-        return None
+        return NO_ERRORS
     effects = dict[str, Floats]()
     for k, prefix in _name_prefixes(orbits, model).items():
         effects[prefix] = effects.get(prefix, 0.0) + effects_on_orbit(model.predictor, orbits[k], k)
@@ -121,8 +109,8 @@ def gravity_errors(orbits: GravityErrorOrbits, model: ObservationModel) -> Unest
     return unit_errors("gravity_error", names, np.hstack(list(effects.values())))
 
 
-def force_errors(model: ObservationModel, x: Floats) -> UnestimatedErrors | None:
-    """Return accelerations, constant in intervals, that the forces of the orbits lack; None without any orbit."""
+def force_errors(model: ObservationModel, x: Floats) -> UnestimatedErrors:
+    """Return accelerations, constant in intervals, that the forces of the orbits lack."""
     effects = list[Floats]()
     for k in model.orbit_indices:
         orbit = model.targets[k].orbit_at(x[model.columns_of(k)])
@@ -130,7 +118,7 @@ def force_errors(model: ObservationModel, x: Floats) -> UnestimatedErrors | None
         with_errors = replace(orbit, errors=interval_accelerations(orbit.nearest()).state_changes)
         effects.append(effects_on_orbit(model.predictor, with_errors, k))
     if not effects:
-        return None
+        return NO_ERRORS
     effects_m = np.hstack(effects)
     return unit_errors(FORCES, [f"{FORCES}.{j + 1}" for j in range(effects_m.shape[1])], effects_m)
 

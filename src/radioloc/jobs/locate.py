@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.errors import InputError
-from radioloc.estimation.consider import UnestimatedErrors
+from radioloc.estimation.consider import NO_ERRORS, UnestimatedErrors
 from radioloc.estimation.consistency_results import Consistency, ConsistencyTest
 from radioloc.estimation.editing import EditedFit, fit_with_editing, with_reasons
 from radioloc.estimation.phase_editing import PhaseCounts, phase_faults
@@ -153,7 +153,7 @@ class _Fit:
     edited: EditedFit
     stochastic: StochasticProblem | None
     orbits: GravityErrorOrbits  # with the considered errors of their gravity fields
-    unadjusted: UnestimatedErrors | None  # considered errors that are not in the weights
+    unadjusted: UnestimatedErrors  # considered errors that are not in the weights
 
     @property
     def x(self) -> Floats:
@@ -228,7 +228,7 @@ def _assess(fitted: _Fit, consistency: bool) -> AssessedFit:
         considered=fitted.unadjusted,
         candidates=problem.fixed_parameter_errors(model, x, fitted.orbits)
         if consistency and estimate
-        else None,
+        else NO_ERRORS,
         stated_m=problem.noise.sigma_m,
         consistency=consistency,
         name=problem.study.name,

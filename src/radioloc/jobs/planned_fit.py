@@ -83,7 +83,7 @@ class PlannedFit:
         return replace(self, parameters=ParameterSet(items))
 
     @cached_property
-    def unadjusted_errors(self) -> UnestimatedErrors | None:
+    def unadjusted_errors(self) -> UnestimatedErrors:
         """Considered errors that are left out of the weights."""
         problem = self.part.problem
         return problem.unadjusted_errors(problem.model, problem.model.parameters.prior_values, self.orbits)
@@ -127,9 +127,7 @@ class PlannedFit:
             missing = assess_observability(fit).describe()[:1]
             return PlannedArc(part.hours, part.span_h, count, (), missing, axes)
         covariance = np.where(np.isfinite(fit.covariance), fit.covariance, 0.0)
-        consider_effects = (
-            None if self.unadjusted_errors is None else sensitivity(fit, self.unadjusted_errors)
-        )
+        consider_effects = sensitivity(fit, self.unadjusted_errors)
         state = self._state(target, covariance, consider_effects) if axes == ALONG_ACROSS_RADIAL else None
         sources = error_budget(
             self.parameters,
@@ -138,7 +136,7 @@ class PlannedFit:
             prior_effects(fit),
             consider_effects,
             np.zeros(3) if part.problem.choice is None else np.array(part.problem.choice.ephemeris_sigma_m),
-            0.0 if consider_effects is None else self._direct_effects_m(target, state, consider_effects),
+            self._direct_effects_m(target, state, consider_effects),
         )
         return PlannedArc(part.hours, part.span_h, count, sources, (), axes, state)
 
@@ -158,11 +156,11 @@ class PlannedFit:
                 partials[..., begin : begin + process.count] = by_process[:, :3]
         return partials
 
-    def _state(self, target: int, covariance: Floats, consider_effects: Consider | None) -> OrbitState:
+    def _state(self, target: int, covariance: Floats, consider_effects: Consider) -> OrbitState:
         """Return the state of an orbit with its total covariance and that of the process noise."""
         model = self.part.problem.model
         x, count = model.parameters.prior_values, len(model.parameters)
-        total = covariance if consider_effects is None else covariance + consider_effects.covariance
+        total = covariance + consider_effects.covariance
         state = orbit_state(model, target, x, total, consider_effects, self.orbits)
         process = next((item for item in self.processes if item.orbit.target == target), None)
         if process is None:

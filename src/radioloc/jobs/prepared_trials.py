@@ -242,23 +242,19 @@ class Prepared:
         if linear is None:
             return None
         unadjusted = problem.unadjusted_errors(model, x, orbits)
-        unadjusted_m, unadjusted_parameters = np.zeros((len(rows), 0)), None
-        if unadjusted is not None:
-            unadjusted_parameters = unadjusted.parameters
-            unadjusted_m = unadjusted.partials(rows) * unadjusted_parameters.prior_sigmas
         return LinearArc(
             part=part.rows,
             problem=linear,
             parameters=parameters,
             held_m=held_m,
             compared=tuple(
-                target.compared(part, x, orbits, self.world.drawn.names, unadjusted_parameters)
+                target.compared(part, x, orbits, self.world.drawn.names, unadjusted.parameters)
                 for target in self.targets
             ),
             noise=noise,
             status=Labels((~usable).astype(np.int32), (USED, "not usable")),
             order=problem.order,
             estimate=replace(estimate, height_prior=None),  # which is in the parameters; a map is large
-            unadjusted_m=unadjusted_m,
+            unadjusted_m=unadjusted.partials(rows) * unadjusted.parameters.prior_sigmas,
             drawn_sigmas=self._drawn_sigmas(problem),
         )

@@ -29,7 +29,6 @@ from radioloc.jobs.error_columns import (
     fixed_parameter_blocks,
     force_errors,
     gravity_errors,
-    join_errors,
     parameter_errors,
     term_errors,
 )
@@ -131,20 +130,20 @@ class EstimationProblem:
 
     def unadjusted_errors(
         self, model: ObservationModel, x: Floats, orbits: GravityErrorOrbits
-    ) -> UnestimatedErrors | None:
+    ) -> UnestimatedErrors:
         """Return the errors b with their partials B at parameters x of a model, those of gravity last."""
-        return join_errors(parameter_errors(self.unadjusted_blocks, model, x), gravity_errors(orbits, model))
+        return parameter_errors(self.unadjusted_blocks, model, x).joined(gravity_errors(orbits, model))
 
     def fixed_parameter_errors(
         self, model: ObservationModel, x: Floats, orbits: GravityErrorOrbits
-    ) -> UnestimatedErrors | None:
+    ) -> UnestimatedErrors:
         """Return the errors of parameters, terms and forces that the fit holds fixed, with their partials at x."""
         parameters = [*model.parameters, *(item for _, items in self.unadjusted_blocks for item in items)]
         blocks = fixed_parameter_blocks(self.predictor.uncombined, parameters)
-        errors = join_errors(parameter_errors(blocks, model, x), term_errors(model, x))
+        errors = parameter_errors(blocks, model, x).joined(term_errors(model, x))
         if self.has_process_noise or orbits:  # errors of the forces are in the covariance
             return errors
-        return join_errors(errors, force_errors(model, x))
+        return errors.joined(force_errors(model, x))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -151,7 +151,7 @@ class StochasticProblem:
         states: Mapping[int, OrbitState],
         fitted: EditedFit,
         order: SeriesOrder,
-        unadjusted: UnestimatedErrors | None,
+        unadjusted: UnestimatedErrors,
     ) -> dict[int, OrbitState]:
         """Return the states of smoothed orbits by target, with errors by interval where all is determined."""
         fit = fitted.fit
@@ -164,18 +164,18 @@ class StochasticProblem:
             assert orbit is not None
             out[item.target] = replace(states[item.target], orbit=orbit)
         free, design = fit.parameters.free, fit.linearization
-        joint, sigmas = estimated_covariance(fitted, order)[0][np.ix_(free, free)], np.zeros(0)
+        joint, sigmas = (
+            estimated_covariance(fitted, order)[0][np.ix_(free, free)],
+            unadjusted.parameters.prior_sigmas,
+        )
         if not np.isfinite(joint).all():
             return out
-        if unadjusted is not None:
-            # Their errors are those of the assumed values, which residuals have with the other sign.
-            sigmas = unadjusted.parameters.prior_sigmas
-            moved = consider_sensitivity(fit, unadjusted.partials, len(sigmas))[free] * sigmas
-            joint = np.block([[joint + moved @ moved.T, -moved], [-moved.T, np.eye(len(sigmas))]])
+        # Unadjusted errors are those of the assumed values, which residuals have with the other sign.
+        moved = consider_sensitivity(fit, unadjusted.partials, len(sigmas))[free] * sigmas
+        joint = np.block([[joint + moved @ moved.T, -moved], [-moved.T, np.eye(len(sigmas))]])
 
         def partials(rows: Indices) -> Floats:
-            by_free = design.partials(rows)[:, free]
-            return by_free if unadjusted is None else np.hstack([by_free, unadjusted.partials(rows) * sigmas])
+            return np.hstack([design.partials(rows)[:, free], unadjusted.partials(rows) * sigmas])
 
         each = fit.whitening.smoothed(partials, design.residual_m, joint)
         for item, smoothed in zip(problem.orbits, each, strict=True):

@@ -55,9 +55,9 @@ MAX_START_DISTANCE_M = 1e5
 """Largest distance of an estimate from the a-priori position within which all starts end at one place."""
 
 
-def with_considered(sigma_m: Floats, errors: UnestimatedErrors | None) -> Floats:
+def with_considered(sigma_m: Floats, errors: UnestimatedErrors) -> Floats:
     """Return sigmas (n,) with considered errors outside the weights, which the residuals contain, m."""
-    if errors is None:
+    if not errors.parameters:
         return sigma_m
     variance_m2, prior_sigmas = np.square(sigma_m), errors.parameters.prior_sigmas
     for part in slices(len(sigma_m)):

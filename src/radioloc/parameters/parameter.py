@@ -86,16 +86,14 @@ class ParameterSet:
     Raises
     ------
     InputError
-        The set is empty, or a name occurs twice.
+        A name occurs twice.
     """
 
-    #: At least one. No name occurs twice, but a considered parameter may be the error of a fixed one.
+    #: No name occurs twice, but a considered parameter may be the error of a fixed one.
     parameters: Sequence[Parameter]
 
     def __post_init__(self) -> None:
         set_fields(self, parameters=tuple(self.parameters))
-        if not self.parameters:
-            raise InputError("a parameter set needs at least one parameter")
         names = Counter((item.name, item.role is Role.CONSIDERED) for item in self.parameters)
         doubled = sorted(name for (name, _), count in names.items() if count > 1)
         if doubled:

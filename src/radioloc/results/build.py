@@ -11,7 +11,13 @@ from numpy.typing import ArrayLike
 
 from radioloc.estimation.adaptation import AdaptedEstimate
 from radioloc.estimation.combination import ReferenceComparison
-from radioloc.estimation.consider import UNMODELLED_ERROR, Consider, UnestimatedErrors, reported_estimate
+from radioloc.estimation.consider import (
+    NO_ERRORS,
+    UNMODELLED_ERROR,
+    Consider,
+    UnestimatedErrors,
+    reported_estimate,
+)
 from radioloc.estimation.consistency import assess_consistency, outlier_run_findings
 from radioloc.estimation.consistency_results import Consistency
 from radioloc.estimation.editing import EditedFit, outlier_runs, run_reasons, with_reasons
@@ -76,8 +82,8 @@ def assess_fit(
     order: SeriesOrder,
     residuals: Residuals,
     *,
-    considered: UnestimatedErrors | None = None,
-    candidates: UnestimatedErrors | None = None,
+    considered: UnestimatedErrors = NO_ERRORS,
+    candidates: UnestimatedErrors = NO_ERRORS,
     stated_m: Floats | None = None,
     consistency: bool = True,
     **located: Any,

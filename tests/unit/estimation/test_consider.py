@@ -7,6 +7,7 @@ import pytest
 
 from radioloc.errors import InputError
 from radioloc.estimation.consider import (
+    NO_ERRORS,
     UnestimatedErrors,
     consider_sensitivity,
     principal_errors,
@@ -88,7 +89,7 @@ def test_weights_with_considered_errors_are_those_of_the_dense_covariance():
     free = DESIGN[:, :2]
     covariance = np.linalg.inv(free.T @ inverse @ free + np.diag([0.0, 0.5**-2.0]))
     expected = covariance @ (free.T @ inverse @ observed + [0.0, 1.0 * 0.5**-2.0])
-    estimate = reported_estimate(fit, fit.covariance, None)
+    estimate = reported_estimate(fit, fit.covariance, NO_ERRORS)
     np.testing.assert_allclose(estimate.values[:2], expected, rtol=0.0, atol=1e-9)
     total = estimate.covariance + estimate.consider.covariance
     np.testing.assert_allclose(total[:2, :2], covariance, rtol=1e-9)

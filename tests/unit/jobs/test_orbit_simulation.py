@@ -127,8 +127,8 @@ def test_the_true_state_is_found_again(scene):
 
 def test_a_true_field_beyond_that_of_the_fit_is_in_the_values(tmp_path, scene):
     further = radioloc.simulate(written(tmp_path, forces="degree = 40\n"), seed=3)
-    assert further.trajectory.forces.gravity.degree == 40
-    assert further.trajectory.forces.radiation_m2_kg == 0.018
+    assert further.targets[0].trajectory.forces.gravity.degree == 40
+    assert further.targets[0].trajectory.forces.radiation_m2_kg == 0.018
     assert len(further.observations) > 50
     by_time = [item.observations.epoch.mjd for item in (further, scene[1])]
     common = np.intersect1d(*by_time, return_indices=True)[1:]

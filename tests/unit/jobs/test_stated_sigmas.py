@@ -8,7 +8,7 @@ import pytest
 
 import radioloc
 from radioloc.estimation import FitStatus, Labels, Parameter, ParameterSet
-from radioloc.estimation.consider import UnestimatedErrors
+from radioloc.estimation.consider import NO_ERRORS, UnestimatedErrors
 from radioloc.estimation.editing import fit_with_editing
 from radioloc.estimation.noise_structure import Differences, noise_ratios
 from radioloc.estimation.series import SeriesOrder
@@ -93,5 +93,5 @@ def test_residuals_are_compared_with_stated_and_considered_variance():
     errors = UnestimatedErrors(
         ParameterSet([Parameter("error", "1", "error", prior_sigma=1.0)]), lambda rows: effect_m[rows, None]
     )
-    assert [*misfits(edited, with_considered(np.ones(n), None), order)]
+    assert [*misfits(edited, with_considered(np.ones(n), NO_ERRORS), order)]
     assert not [*misfits(edited, with_considered(np.ones(n), errors), order)]

@@ -14,7 +14,6 @@ from radioloc.simulation import (
     Truth,
     TruthSigma,
     baselines,
-    simulate,
     two_way,
 )
 
@@ -32,7 +31,7 @@ NOISE = NoiseModel({"range": Noise(white_m=1.0, outlier_fraction=0.2, outlier_m=
 
 
 def test_values_are_the_sum_of_the_recorded_parts(lander, lander_pa_m, model):
-    simulated = simulate(SCHEDULE, lander, TRUTH, NOISE, model=model, seed=4, name="ce5")
+    simulated = Scenario(SCHEDULE, lander, TRUTH, NOISE, seed=4, name="ce5").world(model).draw()
     parts = simulated.error_free_m + simulated.noise_m + sum(simulated.added_m.values())
     np.testing.assert_allclose(simulated.observations.value_m, parts, rtol=0.0, atol=3e-7)
     assert set(simulated.added_m) == {"range_bias", "station_delay", "station_position"}
@@ -49,7 +48,7 @@ def test_values_are_the_sum_of_the_recorded_parts(lander, lander_pa_m, model):
 def test_realizations_of_a_world_depend_on_the_seed_only(lander, model):
     world = Scenario(SCHEDULE, lander, TRUTH).world(model)
     first, repeated, different = (world.draw(NOISE, seed=seed) for seed in (4, 4, 5))
-    direct = simulate(SCHEDULE, lander, TRUTH, NOISE, model=model, seed=4)
+    direct = Scenario(SCHEDULE, lander, TRUTH, NOISE, seed=4).world(model).draw()
     assert (first.observations.value_m == repeated.observations.value_m).all()
     assert (first.observations.value_m == direct.observations.value_m).all()
     assert (first.observations.value_m != different.observations.value_m).all()

@@ -14,7 +14,6 @@ from radioloc.simulation import (
     Truth,
     TruthSigma,
     baselines,
-    simulate,
     two_way,
 )
 
@@ -48,7 +47,7 @@ def schedule():
 
 @pytest.fixture(scope="module")
 def plain(schedule, lander, model):
-    return simulate(schedule, lander, model=model)
+    return Scenario(schedule, lander).world(model).draw()
 
 
 @pytest.fixture(scope="module")
@@ -56,7 +55,7 @@ def change(schedule, lander, model, plain):
     """Compute the effect of a truth, m."""
 
     def effect_m(**errors):
-        simulated = simulate(schedule, lander, Truth(**errors), model=model)
+        simulated = Scenario(schedule, lander, Truth(**errors)).world(model).draw()
         return simulated.observations.value_m - plain.observations.value_m
 
     return effect_m
@@ -104,10 +103,9 @@ def test_clock_rate_lengthens_a_time_of_flight_for_each_time_tag(tag, lander, la
     schedule = Schedule(
         [Session("range", two_way("KASHI"), START, "2020-12-01T16:11", 3600, 1.0, time_tag=tag)]
     )
-    plain = simulate(schedule, lander, model=model).observations
-    drifting = simulate(
-        schedule, lander, Truth(clock_rate_s_s={"KASHI": 1e-9}, clock_epoch_utc=START), model=model
-    )
+    plain = Scenario(schedule, lander).world(model).draw().observations
+    truth = Truth(clock_rate_s_s={"KASHI": 1e-9}, clock_epoch_utc=START)
+    drifting = Scenario(schedule, lander, truth).world(model).draw()
     since_s = (plain.epoch.mjd - plain.epoch.mjd[0]) * 86400.0
     moved_m = compute(model, plain, lander_pa_m).by_time_m_s * 1e-9 * since_s * (tag != "bounce")
     np.testing.assert_allclose(drifting.added_m["clock_rate"], 1e-9 * plain.value_m - moved_m, rtol=1e-6)

@@ -115,7 +115,7 @@ class ReportedEstimate:
     formal_covariance: Floats  # (p, p), by noise and a-priori values
     covariance: Floats  # (p, p), with the noise determined from the residuals
     prior_effects: Floats  # (p, p), change by one sigma of each a-priori value (columns)
-    consider: Consider | None
+    consider: Consider
 
 
 def reported_estimate(fit: FitResult, covariance: Floats, unadjusted: UnestimatedErrors) -> ReportedEstimate:
@@ -139,7 +139,7 @@ def reported_estimate(fit: FitResult, covariance: Floats, unadjusted: Unestimate
         formal,
         scaled,
         effects[block],
-        Consider(ParameterSet(items), shifts, in_weights) if items else None,
+        Consider(ParameterSet(items), shifts, in_weights),
     )
 
 
@@ -244,7 +244,7 @@ def error_budget(
     enu_partials: Floats,
     enu_covariance_m2: Floats,
     effects: Floats,
-    considered: Consider | None,
+    considered: Consider,
     ephemeris_sigma_enu_m: Floats,
     direct_m: Floats | float = 0.0,
 ) -> tuple[ErrorSource, ...]:
@@ -275,11 +275,10 @@ def error_budget(
         prior_key, error_key = prior_keys[name], (kind, label.rpartition(".")[0] or label)
         covariances[prior_key] = covariances[prior_key] - error_m2
         covariances[error_key] = covariances[error_key] + error_m2
-    if considered is not None:
-        considered_effects_m = enu_partials @ considered.sensitivity + direct_m
-        for k, item in enumerate(considered.parameters):
-            key = item.kind, owner(item)
-            covariances[key] = covariances[key] + outer(considered_effects_m[..., k])
+    considered_effects_m = enu_partials @ considered.sensitivity + direct_m
+    for k, item in enumerate(considered.parameters):
+        key = item.kind, owner(item)
+        covariances[key] = covariances[key] + outer(considered_effects_m[..., k])
     covariances[EPHEMERIS, ""] = np.diag(ephemeris_sigma_enu_m**2)
     items = (ErrorSource(*key, part.reshape(-1, 3, 3).mean(axis=0)) for key, part in covariances.items())
     nonzero = (item for item in items if item.source not in (A_PRIORI, EPHEMERIS) or item.covariance_m2.any())

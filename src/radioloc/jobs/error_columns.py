@@ -136,15 +136,13 @@ def orbit_state(
     target: int,
     x: Floats,
     covariance: Floats,
-    consider: Consider | None,
+    consider: Consider,
     orbits: GravityErrorOrbits,
 ) -> OrbitState:
     """Return the state of the orbit of a target, with its sensitivity to errors of the gravity field."""
     columns = model.columns_of(target)
-    sensitivity = np.zeros((columns.stop - columns.start, 0))
-    if consider is not None:
-        errors = own_gravity_errors(consider.parameters, orbits, model, target)
-        sensitivity = consider.sensitivity[columns][:, errors]
+    errors = own_gravity_errors(consider.parameters, orbits, model, target)
+    sensitivity = consider.sensitivity[columns][:, errors]
     state = model.targets[target].estimate(
         x[columns], covariance[columns, columns], sensitivity, orbits.get(target)
     )

@@ -299,9 +299,8 @@ def _notes(
     """Return all notes: mistaken stations, data and model, searches that help."""
     problem, predictor = fitted.problem, fitted.model.predictor
     study, choice, prior_motions = problem.study, problem.choice, problem.prior_motions
-    considered = None if estimate.consider is None else estimate.consider.parameters
     notes = [*coordinate_doubts(predictor, prior_motions, fitted.edited.fit.used, doubts)]
-    notes += study_notes(study, predictor, not_selected, choice, fitted.edited, considered)
+    notes += study_notes(study, predictor, not_selected, choice, fitted.edited, estimate.consider.parameters)
     notes += problem.notes
     if choice is not None:
         moved_m = np.linalg.norm(positions_pa_m(fitted.motions) - positions_pa_m(prior_motions), axis=-1)

@@ -58,7 +58,7 @@ def study_notes(
     not_selected: dict[str, int],
     estimate: EstimateChoice | None,
     fitted: EditedFit,
-    considered: ParameterSet | None,
+    considered: ParameterSet,
 ) -> list[str]:
     """Return all notes of a result, warnings first."""
     notes = spacecraft_doubts(study, predictor.observations, predictor.model)
@@ -68,10 +68,10 @@ def study_notes(
         notes.append(f"switched off by [model] off, and not in the sigmas: {', '.join(terms)}")
     parameters = fitted.fit.parameters
     estimated = {item.kind for item in parameters if item.role is not Role.CONSIDERED}
-    notes += planning_notes(predictor, not_selected, [*parameters, *(considered or ())])
+    notes += planning_notes(predictor, not_selected, [*parameters, *considered])
     if estimate is None:
         return notes
-    kinds = {item.kind for item in considered or ()}
+    kinds = {item.kind for item in considered}
     in_sigma = any(estimate.ephemeris_sigma_m) or "moon_position" in kinds or "libration" in kinds
     if not predictor.trajectories and not in_sigma:
         notes.append(

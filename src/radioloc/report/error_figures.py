@@ -94,7 +94,7 @@ def plot_correlations(solution: Solution, ax: Axes | None = None) -> Figure:
     axes.set_yticks(range(len(names)), names, fontsize=8)
     axes.figure.colorbar(image, ax=axes, shrink=0.8)
     notes = []
-    if solution.consider is not None:
+    if solution.consider.parameters:
         notes = ["lower left: total covariance", "upper right: without considered errors"]
     if len(names) < len(determined):
         notes.append(f"{len(names)} of {len(determined)} parameters")

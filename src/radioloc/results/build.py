@@ -124,8 +124,7 @@ def with_findings(estimate: LocatedEstimate, tests: Consistency) -> LocatedEstim
     name = f"{UNMODELLED_ERROR}.{tests.findings[0].name}"
     error = Parameter(name, "1", UNMODELLED_ERROR, prior_sigma=1.0, role=Role.CONSIDERED)
     effect = Consider(ParameterSet([error]), adapted.shift[:, None])
-    consider = effect if estimate.consider is None else estimate.consider.joined(effect)
-    return replace(estimate, consider=consider, adapted=adapted)
+    return replace(estimate, consider=estimate.consider.joined(effect), adapted=adapted)
 
 
 def _fields(record: Any) -> dict[str, Any]:

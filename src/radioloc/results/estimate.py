@@ -12,10 +12,11 @@ from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.errors import InputError
 from radioloc.estimation.adaptation import AdaptedEstimate
 from radioloc.estimation.combination import Ellipse, horizontal_ellipse
-from radioloc.estimation.consider import ErrorSource, ReportedEstimate, error_budget
+from radioloc.estimation.consider import Consider, ErrorSource, ReportedEstimate, error_budget
 from radioloc.estimation.statistics import read_only
 from radioloc.lunar.position import LunarPosition
 from radioloc.lunar.selenographic import cartesian_to_selenographic, east_north_up
+from radioloc.parameters.parameter import ParameterSet
 from radioloc.units import set_fields
 from radioloc.vectors import Floats, Mask
 
@@ -132,8 +133,9 @@ class LocatedEstimate(ReportedEstimate):
         if self.adapted is None or self.trajectory is not None:
             return None
         position_pa_m = self.position_pa_m + self.position_partials @ self.adapted.shift
+        none = Consider(ParameterSet([]), np.zeros((len(self.parameters), 0)))
         covariance = self.adapted.covariance
-        return replace(self, position_pa_m=position_pa_m, covariance=covariance, consider=None, adapted=None)
+        return replace(self, position_pa_m=position_pa_m, covariance=covariance, consider=none, adapted=None)
 
     @property
     def _involved(self) -> Mask:
@@ -209,8 +211,7 @@ class LocatedEstimate(ReportedEstimate):
         """
         if level == "formal":
             return self.formal_covariance
-        considered = self.consider if level == "total" else None
-        return self.covariance if considered is None else self.covariance + considered.covariance
+        return self.covariance + self.consider.covariance if level == "total" else self.covariance
 
     def ellipse(self, probability: float = 0.95, level: Level = "total") -> Ellipse | None:
         """Return the horizontal error ellipse of a probability; None if not determined."""

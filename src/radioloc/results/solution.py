@@ -285,7 +285,7 @@ class Solution(LocatedEstimate, Result):
     def _error_rows(self) -> dict[str, list[dict[str, Any]]]:
         """Return the shift of the position by one sigma of each consider parameter and a-priori value."""
         rows: dict[str, list[dict[str, Any]]] = {"priors": []}
-        if self.consider is not None:
+        if self.consider.parameters:
             partials = None if self.trajectory is not None else self.enu_partials
             rows["considered"] = self.consider.to_list(partials)
         if self.trajectory is not None or not self.position_determined:

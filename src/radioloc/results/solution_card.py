@@ -250,7 +250,7 @@ def _sigma_field(solution: Solution) -> Field:
         levels["scaled: time correlation"] = "scaled"
     elif solution.noise_scale > 1.0:
         levels[f"scaled: noise times {solution.noise_scale:.3g}"] = "scaled"
-    errors = ["considered errors"] * (solution.consider is not None)
+    errors = ["considered errors"] * bool(solution.consider.parameters)
     errors += ["ephemeris error"] * bool(solution.ephemeris_sigma_enu_m.any())
     if errors:
         levels[f"total: {', '.join(errors)}"] = "total"
@@ -294,10 +294,9 @@ def _budget_field(solution: Solution) -> Field:
 def _range_bias_lines(solution: Solution) -> Iterator[str]:
     """Yield the shift of the position by a metre of bias of all ranges, if no bias is estimated."""
     estimated = any(solution.parameters.free[k] for k in solution.parameters.of_kind("range_bias"))
-    biases = () if solution.consider is None else solution.consider.parameters.of_kind("range_bias")
-    if solution.consider is None or estimated or not biases:
+    consider, columns = solution.consider, list(solution.consider.parameters.of_kind("range_bias"))
+    if estimated or not columns:
         return
-    consider, columns = solution.consider, list(biases)
     shifts_m = solution.enu_partials @ consider.sensitivity[:, columns]  # by one sigma of each bias
     shift_m = float(np.linalg.norm(shifts_m @ (1.0 / consider.parameters.prior_sigmas[columns])))
     stations = {owner(consider.parameters.parameters[k]) for k in columns}

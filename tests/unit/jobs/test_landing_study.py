@@ -43,7 +43,7 @@ def test_the_place_and_the_orbit_are_found(scene, solution):
     assert solution.converged, solution.message
     off_m = solution.rot_pa_to_enu @ (solution.position_pa_m - PLACE.to_frame("PA_DE421").xyz_m)
     assert off_m @ np.linalg.solve(solution.position_covariance(), off_m) < 16.3  # 0.999 of three
-    truth = scene[1].trajectory
+    truth = scene[1].targets[0].trajectory
     state = np.concatenate([solution.state.position_m, solution.state.velocity_m_s])
     error = state - np.concatenate(truth.states(solution.state.epoch), axis=-1)[0]
     assert error @ np.linalg.solve(solution.state.covariance, error) < 22.5

@@ -106,7 +106,7 @@ def test_considered_in_every_scope(measured, name, scope):
     names = "all" if kind.scopes[0].named else True
     keys = {name: names, kind.sigma_key: kind.scale} | per
     solution = radioloc.locate(study(parameter_choices(keys)), measured)
-    assert solution.consider is not None
+    assert solution.consider.parameters
     records = [
         record
         for record in solution.consider.to_list(solution.enu_partials)

@@ -145,7 +145,8 @@ class BinnedProblem:
 
         free, considered_sigmas = fit.parameters.free, considered.parameters.prior_sigmas
         unit, width = mixed_units(fit)
-        unit = block_diag(unit, np.diag(considered_sigmas))
+        if considered.parameters:
+            unit = block_diag(unit, np.diag(considered_sigmas))
         sigmas = np.append(fit.parameters.prior_sigmas[free], considered_sigmas)
         offset = np.append((fit.parameters.prior_values - fit.x)[free], np.zeros(len(considered_sigmas)))
 

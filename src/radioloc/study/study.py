@@ -410,17 +410,13 @@ class Study:
                 f"[simulation]: expected the targets of the study ({', '.join(self.targets) or 'one'}), "
                 f"got {', '.join(simulated)}"
             )
-        sigma, orbiter_count = self.simulation.truth_sigma, len(self.orbiters)
-        unused = {
-            "position_enu_m": (
-                any(sigma.position_enu_m) and orbiter_count == len(simulated),
-                "a place on the Moon",
-            ),
-            "gravity_errors": (sigma.gravity_errors and not orbiter_count, "an orbiter"),
-        }
-        for key, (is_unused, kind) in unused.items():
-            if is_unused:
-                raise InputError(f"[simulation.truth_sigma] {key} belongs to {kind}; leave it out")
+        sigma = self.simulation.truth_sigma
+        if any(sigma.position_enu_m) and len(self.orbiters) == len(simulated):
+            raise InputError(
+                "[simulation.truth_sigma] position_enu_m belongs to a place on the Moon; leave it out"
+            )
+        if sigma.gravity_errors and not self.orbiters:
+            raise InputError("[simulation.truth_sigma] gravity_errors belongs to an orbiter; leave it out")
 
     def _require_states(self, choice: OrbitChoice) -> None:
         """Refuse keys of the state if all targets land: their parameters are place and velocity of the touchdown."""

@@ -431,6 +431,7 @@ def test_light_times_as_card_as_json_and_in_a_file(capsys, tmp_path):
     assert cli.main(["light-time", *place, *span, "--json"]) == 0
     content = json.loads(capsys.readouterr().out)
     assert content["columns"]["path"] == ["KASHI>lander>KASHI"]
+    assert content["name"] == "lander at -51.9162 deg E, 43.0584 deg N, -2550.4 m"
     assert f",{content['columns']['downlink_light_time_s'][0]:.12f}," in file.read_text()
     planned = ["light-time", *place, "--start", "2029-03-20T12:00", "--stop", "2029-03-21T12:00", "--quiet"]
     assert [cli.main(planned), cli.main([*planned, "--eop-beyond", "extrapolate"])] == [2, 0]

@@ -98,7 +98,8 @@ def light_time(options: argparse.Namespace) -> int:
             options.parser.error("--at needs --stations, --start and --stop")
         target = radioloc.LunarPosition.from_selenographic(*options.at)
         model = radioloc.study.ModelChoice(eop_beyond=options.eop_beyond)
-        study = radioloc.Study(target=target, name="lander", model=model)
+        place = "lander at {:g} deg E, {:g} deg N, {:g} m".format(*options.at)
+        study = radioloc.Study(target=target, name=place, model=model)
     elif options.eop_beyond is not None:
         options.parser.error("--eop-beyond is of --at; a study has [model] eop_beyond")
     table = radioloc.light_times(

@@ -143,7 +143,9 @@ class _Plan:
         if study.simulation is None or observations is not None:
             predictor, left_out = prepared_arc(study, observations)
             noise = None
-            notes = ["the noise is white and as stated: how long errors last is known from residuals only"]
+            notes = [
+                "the noise is taken as white with the stated sigmas; its time correlation follows from residuals only"
+            ]
         else:
             study, predictor, left_out, noise, notes = _scheduled(study, study.simulation, orbits)
         problem = EstimationProblem.from_study(study, predictor, study.estimate, noise)

@@ -110,8 +110,8 @@ def visibility(
     ----------
     study : Study or path-like
         Its targets, or the true position of its simulation.
-    stations : sequence of str
-        Names or aliases; by default those of the study's schedule, or else of its observations.
+    stations : str or sequence of str
+        Names, aliases or networks; by default those of the study's schedule, or else of its observations.
     start_utc, stop_utc : str, optional
         Limits of the search; by default those of the schedule, or of the observations.
     mask_deg : float, optional
@@ -169,6 +169,7 @@ def build_scene(
 ) -> Scene:
     """Return the scene of a study; arguments replace its stations, span and masks, as in :func:`visibility`."""
     study = as_study(study)
+    stations = (stations,) if isinstance(stations, str) else stations
     model = build_model(study)
     if study.simulation is not None:
         names, first, last, masks = _planned(study)
@@ -249,8 +250,8 @@ def light_times(
     ----------
     study : Study or path-like
         Its targets, or the true position of its simulation, and its model.
-    stations : sequence of str
-        Names or aliases; by default those of the study's schedule, or else of its observations.
+    stations : str or sequence of str
+        Names, aliases or networks; by default those of the study's schedule, or else of its observations.
     links : {"two_way", "three_way", "all", "one_way"}
         Links: each station with itself; from the first station to the others; all pairs; from the target down.
     start_utc, stop_utc : str, optional

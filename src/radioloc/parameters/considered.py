@@ -80,7 +80,9 @@ def _resolve_kind(
     notes = []
     if absent := [name for name in dict.fromkeys([*listed, *stated]) if name not in present]:
         has = "has" if len(absent) == 1 else "have"
-        notes = [f"[consider] {kind.name}: {', '.join(absent)} {has} no observations that it acts on"]
+        notes = [
+            f"[consider] {kind.name}: {', '.join(absent)} {has} no observations, and the sigma no effect"
+        ]
     if choice.sigma is None or isinstance(choice.sigma, Mapping):
         default, reason = default_sigmas(kind, rows, present)
         notes += [f"{kind.name} is not considered: {reason}"] if reason else []

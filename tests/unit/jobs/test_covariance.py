@@ -90,7 +90,7 @@ def test_epochs_of_files(tmp_path):
     np.testing.assert_allclose(
         of_files.longest.covariance_m2, expected.longest.covariance_m2, rtol=1e-6, atol=1e-9
     )
-    assert "white and as stated" in of_files.notes[0]
+    assert "taken as white" in of_files.notes[0]
     assert not any(item.change.startswith("station") for item in of_files.improvements)
 
 

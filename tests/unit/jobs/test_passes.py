@@ -82,3 +82,10 @@ def test_what_cannot_be_searched(plan):
         visibility(plan, start_utc="2020-12-05")
     with pytest.raises(InputError, match=r"-90.*90"):
         visibility(plan, mask_deg=100.0)
+
+
+def test_single_station_is_its_name():
+    study = EXAMPLES / "change5" / "short_arc.toml"
+    span = {"start_utc": "2020-12-02", "stop_utc": "2020-12-03"}
+    single, several = visibility(study, "KASHI", **span), visibility(study, ["KASHI"], **span)
+    assert single.passes == several.passes

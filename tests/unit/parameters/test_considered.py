@@ -137,7 +137,7 @@ def test_study_overrides_defaults_by_kind_and_by_name(tracked):
         "range_bias_sigma_m": 2.0,
     }
     with_defaults, notes = sigmas(tracked, stated)
-    assert notes == ["[consider] station_position: NEUQUEN has no observations that it acts on"]
+    assert notes == ["[consider] station_position: NEUQUEN has no observations, and the sigma no effect"]
     assert with_defaults["station_position"]["KASHI"] == 0.1
     assert with_defaults["station_position"]["JIAMUSI"] == 100.0
     assert set(with_defaults["clock"].values()) == {5e-9}

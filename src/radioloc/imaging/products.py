@@ -16,11 +16,10 @@ from radioloc.imaging.homography import transformed
 from radioloc.imaging.mosaic import balanced
 from radioloc.imaging.orientation import quaternions_from_matrices
 from radioloc.imaging.rectification import (
-    grid_around,
+    MARGIN_PART,
     map_grid,
     nearest_projection,
     new_cog,
-    outline,
     part_of,
     rectified,
 )
@@ -136,7 +135,7 @@ def lay_over(canvas: Image, valid: Mask, solution: MappedImages, grid: MapGrid) 
     covered = np.zeros(canvas.shape, bool)
     finer = (frame for frame in solution.registered if frame.pixel_m < solution.base.resolution_m)
     for frame in sorted(_distinct_frames([*finer]), key=lambda frame: frame.pixel_m):
-        cells = np.column_stack(grid.cells(*outline(solution.registration.view(frame.name)).T))
+        cells = np.column_stack(grid.cells(*solution.registration.outline(frame.name).T))
         first = np.clip(np.floor(cells.min(axis=0)), 0, canvas.shape).astype(int)
         last = np.clip(np.ceil(cells.max(axis=0)) + 1, first, canvas.shape).astype(int)
         part = slice(first[0], last[0]), slice(first[1], last[1])
@@ -179,7 +178,7 @@ def _write_mosaic(solution: MappedImages, path: Path) -> None:
     """Write the base map, as far as images show its ground, with the finer ones over it."""
     registration, frames = solution.registration, solution.registered
     plane, (west, south, east, north) = registration.plane, solution.base.extent_m(registration.plane)
-    angles = np.concatenate([outline(registration.view(frame.name)) for frame in frames])
+    angles = np.concatenate([registration.outline(frame.name) for frame in frames])
     shown_m = plane.from_longitude_latitude(np.degrees(angles))
     angles = np.radians(plane.to_longitude_latitude(np.clip(shown_m, [west, south], [east, north])))
     finest_m = min(frame.pixel_m for frame in frames)
@@ -190,8 +189,10 @@ def _write_mosaic(solution: MappedImages, path: Path) -> None:
 
 
 def _write_rectified(solution: MappedImages, frame: RegisteredFrame, path: Path) -> None:
-    view = solution.registration.view(frame.name)
-    grid = _limited(lambda cell_m: grid_around([view], _projection(solution), cell_m), frame.pixel_m)
+    angles = solution.registration.outline(frame.name)
+    grid = _limited(
+        lambda cell_m: map_grid(_projection(solution), angles, cell_m, MARGIN_PART), frame.pixel_m
+    )
     _write_map(path, grid, *_rectified_frame(solution, frame, grid))
 
 

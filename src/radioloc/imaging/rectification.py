@@ -34,6 +34,8 @@ from radioloc.lunar.terrain import LargeWindowError, NoTerrainError
 from radioloc.text_files import replaced_file, scratch_folder
 from radioloc.vectors import Floats
 
+MARGIN_PART = 1.0 / 64.0
+"""Margin of the grid of an image, as a part of the size of its ground."""
 _OUTLINE_POINTS = 65  # per side of an image
 _MAX_RAY_MISS_CELLS = 1.0  # of a point from the first intersection of its ray, for a visible point
 # Largest distance from the middle of an image's tie points, in their standard deviations; a square's corner has 2.4.
@@ -212,7 +214,7 @@ def _lunar_projection(projection: str, resolution_m: float) -> Any:
 
 def grid_around(views: Iterable[View], projection: str, resolution_m: float) -> MapGrid:
     """Return the grid of cells that contains the ground of all images."""
-    return map_grid(projection, np.concatenate([outline(view) for view in views]), resolution_m, 1.0 / 64.0)
+    return map_grid(projection, np.concatenate([outline(view) for view in views]), resolution_m, MARGIN_PART)
 
 
 def outline(view: View) -> Floats:

@@ -31,7 +31,7 @@ from radioloc.imaging.image_chain import (
 from radioloc.imaging.map_features import MapFeatures
 from radioloc.imaging.orientation import ConstantOrientation
 from radioloc.imaging.projections import Homographies, Poses, Projections, Relief, pose_of_homography
-from radioloc.imaging.rectification import Bounds, PlaneView, TerrainView, View
+from radioloc.imaging.rectification import Bounds, PlaneView, TerrainView, View, outline
 from radioloc.imaging.self_calibration import SelfCalibration, self_calibration
 from radioloc.imaging.sensor_models import FrameModel
 from radioloc.labels import Labels
@@ -109,6 +109,7 @@ class Registration:
     _ties: TiePoints = field(repr=False)
     _adjusted: Adjusted = field(repr=False)
     _images: dict[str, tuple[int, ChainImage]] = field(repr=False)
+    _outlines: dict[str, Floats] = field(default_factory=dict, repr=False)
 
     def ground_point(
         self, name: str, pixel: ArrayLike | None = None, pixel_sigma: float = 0.0
@@ -306,6 +307,12 @@ class Registration:
             return TerrainView(sensor, model.relief.model, bounds)
         shape = image.size[1], image.size[0]
         return PlaneView(self.plane, self._homographies.matrices[index], shape, image.camera, bounds)
+
+    def outline(self, name: str) -> Floats:
+        """Return angles of the ground that a registered image shows, rad, shape (n, 2), computed once."""
+        if name not in self._outlines:
+            self._outlines[name] = outline(self.view(name))
+        return self._outlines[name]
 
     @property
     def _homographies(self) -> Homographies:

@@ -9,6 +9,7 @@ import hashlib
 import logging
 import re
 import sys
+import threading
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -25,6 +26,7 @@ from radioloc.text_files import require_file
 # maps have used spheres from 1735.97 (polar) to 1738.14 km (equatorial)
 LUNAR_SPHERES_M = (1.735e6, 1.739e6)
 BLOCK_CELLS = 512
+_FILTER_LOCK = threading.Lock()  # filters of warnings belong to all threads, and products are written by two
 _DIGEST_LIMIT_BYTES = 256 * 1024 * 1024
 _LABEL_BYTES = 262144
 _END_BYTES = 1024  # A PNG file ends with the chunk IEND, of 12 bytes; editors append little
@@ -94,7 +96,7 @@ def open_dataset(path: Path | str, **options: Any) -> Any:
     rasterio = load_rasterio()
     messages = _Messages()
     logger = logging.getLogger("rasterio")
-    with warnings.catch_warnings():
+    with _FILTER_LOCK, warnings.catch_warnings():
         # a map without georeferencing is refused below, with the remedy
         warnings.simplefilter("ignore", rasterio.errors.NotGeoreferencedWarning)
         # GDAL's messages repeat a label, and where it is not UTF-8 Python would show a traceback

@@ -75,10 +75,12 @@ class BinnedProblem:
     @property
     def _rows(self) -> Any:
         """Residuals and partials (n + k, 1 + c), sparse of many parameters."""
-        from scipy.sparse import csr_array
+        from scipy.sparse import block_array
 
-        rows = np.concatenate([np.column_stack([self.points.residual, self.points.unit]), self.prior])
-        return csr_array(rows) if rows.shape[1] > MAX_DENSE_PARAMETERS else rows
+        parts = [[self.points.residual[:, None], self.points.unit], [self.prior[:, :1], self.prior[:, 1:]]]
+        if self.prior.shape[1] <= MAX_DENSE_PARAMETERS:
+            return np.block(parts)
+        return block_array(parts, format="csr")
 
     @cached_property
     def _rows_and_weighted(self) -> tuple[Floats, Any, Any]:
@@ -441,15 +443,18 @@ def _scaled_inverse(normal: Floats) -> Floats:
 
     diagonal = np.sqrt(np.diag(normal))
     scale = np.divide(1.0, diagonal, out=np.zeros_like(diagonal), where=diagonal > 0.0)
-    scaled = scale[:, None] * normal * scale
+    scaled = scale[:, None] * normal
+    scaled *= scale
     factor, failure = dpotrf(scaled)
     if failure or np.diag(factor).min(initial=1.0) < _MIN_PIVOT:
         # The eigenvectors of numpy, by divide and conquer, fail for some well-conditioned matrices of this form.
         return scale[:, None] * np.asarray(pinvh(scaled, rtol=1e-15)) * scale
-    upper = dpotri(factor)[0]  # with zeros below
+    upper = dpotri(factor, overwrite_c=True)[0]  # with zeros below
     inverse = upper + upper.T
     np.fill_diagonal(inverse, np.diag(upper))
-    return np.asarray(scale[:, None] * inverse * scale)
+    inverse *= scale[:, None]
+    inverse *= scale
+    return np.asarray(inverse)
 
 
 def _normal(rows: Any) -> Floats:

@@ -222,7 +222,8 @@ def link_contributions(
         shape = (len(sums), len(values))
         sums += csr_array((entries.ravel(), (index[chosen].ravel(), member.ravel())), shape) @ values
     point = np.repeat(np.arange(begin[-1]), widths)
-    return point, code, sums / np.sqrt(np.bincount(place))[point, None]
+    sums /= np.sqrt(np.bincount(place))[point, None]
+    return point, code, sums
 
 
 def binned_partials(series: IndependentSeries, rows_of: RowsOf) -> Floats:

@@ -6,8 +6,7 @@ Where that is farther from the mean epoch of the observations than their standar
 the interval, or the mean epoch itself. Delays of several baselines thus have common epochs. Outliers are rejected by
 their distance from the median of the interval.
 
-The sums of an interval are additive. Observations can therefore be condensed in parts, each read from a file when the
-preceding one is no longer needed.
+The sums of an interval are additive. Observations can therefore be read and condensed in parts, one after the other.
 """
 
 from __future__ import annotations

@@ -89,8 +89,8 @@ class BinnedProblem:
 
         whitened = self._rows
         if not isinstance(whitened, np.ndarray):
-            others = eye_array(whitened.shape[0] - sum(map(len, self.roots)))
-            root = block_diag([*self.roots, others], format="csr")
+            identity = eye_array(whitened.shape[0] - sum(map(len, self.roots)))
+            root = block_diag([*self.roots, identity], format="csr")
             whitened = root @ whitened
             return whitened[:, [0]].toarray()[:, 0], whitened[:, 1:], root.T @ whitened
         weighted = whitened.copy()

@@ -357,10 +357,10 @@ def _arc(
         for name in study.orbiters
     }
     records: dict[str, MotionLike | TargetDescription] = {**places, **study.trajectories, **study.described}
-    known = {name: declared_motion(record, model) for name, record in records.items()}
+    declared = {name: declared_motion(record, model) for name, record in records.items()}
 
     def motions_along(orbits: Mapping[str, AdjustableOrbit]) -> Motions:
-        motions = known | {name: OrbitMotion(orbit) for name, orbit in orbits.items()}
+        motions = declared | {name: OrbitMotion(orbit) for name, orbit in orbits.items()}
         return tuple(motions[name] for name in names or study.all_targets)
 
     # Partials of gravity of a lower degree suffice where only positions are needed.

@@ -154,14 +154,15 @@ class ObservationModel:
         return design
 
     def _smooth(self, design: DesignMatrix) -> SmoothPartials | None:
-        """Return the partials of a long arc as polynomials; None of combined observations."""
+        """Return the partials of a long arc as polynomials; None of combined or sparse observations."""
         if isinstance(design.prediction, CombinedPrediction):
             return None
         if not self.cells:
             items = self.predictor.observations
             keys = (items.link, items.kind, items.tag, items.count_s, items.wavelength_um, items.uplink_hz)
             self.cells.append(Cells.from_keys(keys, ObservationRows(self.predictor).elapsed_s))
-        return SmoothPartials.from_nodes(self.cells[0], design.partials)
+        [cells] = self.cells
+        return SmoothPartials.from_nodes(cells, design.partials) if len(cells.nodes) else None
 
     def residuals(self, x: Floats) -> tuple[Floats, Floats]:
         """Observed minus computed (n,), m, and partials of the computed (n, p), all at once."""

@@ -14,7 +14,7 @@ from radioloc.jobs.locate import locate
 from radioloc.jobs.preparation import prepared_arc
 from radioloc.measurements import Observations, PhysicalModel
 from radioloc.measurements.registry import kind_of
-from radioloc.simulation import Schedule, Session, all_ranges, baselines, simulate
+from radioloc.simulation import Scenario, Schedule, Session, all_ranges, baselines
 from radioloc.study.study_file import read_study
 
 # A priori 70 km off: residuals have slopes of centimetres a second.
@@ -44,7 +44,8 @@ def dense():
         Session("vlbi_delay", baselines(*VLBI), START, stop, 2.0, sigma_m=0.3),
     ]
     model = PhysicalModel.build(off=["ionosphere"])
-    observations = simulate(Schedule(sessions), LANDER, None, NOISE, model=model, seed=3).observations
+    scenario = Scenario(Schedule(sessions), LANDER, noise=NOISE, seed=3)
+    observations = scenario.world(model).draw().observations
     return observations.select(np.random.default_rng(1).permutation(len(observations)))
 
 
@@ -84,6 +85,13 @@ def test_points_do_not_depend_on_the_parts_in_which_observations_are_read(study,
         assert (parts.epoch.jd == expected.epoch.jd).all()
         np.testing.assert_allclose(parts.value_m, expected.value_m, rtol=0.0, atol=1e-5)
         np.testing.assert_allclose(parts.sigma_m, expected.sigma_m, rtol=1e-9)
+
+
+def test_partials_of_many_sparse_observations_are_those_of_each(study, monkeypatch):
+    expected = locate(study)
+    monkeypatch.setattr("radioloc.targets.design._MAX_KEPT_ELEMENTS", 0)
+    monkeypatch.setattr("radioloc.targets.design._MIN_SMOOTH_ROWS", 10)
+    np.testing.assert_allclose(locate(study).position_pa_m, expected.position_pa_m, rtol=0.0, atol=1e-6)
 
 
 def test_delays_of_an_interval_have_one_epoch(study):

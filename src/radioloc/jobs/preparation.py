@@ -325,7 +325,8 @@ def _normal_points(
             predictor = _arc(study, model, part.select(mask & ~integrated), places, {})
             status = without_figures(usability(predictor)[0])
             used = status.are(USED)
-            counts.update(status[~used].tolist())
+            numbers = np.bincount(status.codes, minlength=len(status.texts)).tolist()
+            counts.update(dict(zip(status.texts, numbers, strict=True)))
             residual_m = predictor.observations.value_m - _computed_m(predictor)
             item, outlier_count = interval_sums(
                 predictor.observations.select(used), residual_m[used], choice.normal_point_s
@@ -336,6 +337,7 @@ def _normal_points(
         condensed, residual_m = IntervalSums.concatenate(sums).points(choice.normal_point_s)
         predictor = _arc(study, model, condensed, places, {})
         counted.insert(0, replace(condensed, value_m=_computed_m(predictor) + residual_m))
+    del counts[USED]
     return Observations.concatenate(counted), dict(counts)
 
 

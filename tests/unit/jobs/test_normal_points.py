@@ -16,6 +16,7 @@ from radioloc.measurements import Observations, PhysicalModel
 from radioloc.measurements.registry import kind_of
 from radioloc.simulation import Scenario, Schedule, Session, all_ranges, baselines
 from radioloc.study.study_file import read_study
+from radioloc.time import tai_to_utc, utc_to_tai
 
 # A priori 70 km off: residuals have slopes of centimetres a second.
 STUDY = """
@@ -108,6 +109,12 @@ def test_outliers_are_rejected_and_counted(study, dense):
     is_equal = arc.observations.epoch.mjd == points.epoch.mjd
     assert (~is_equal).sum() <= len(rows)
     assert abs(arc.observations.value_m - points.value_m)[is_equal].max() < 1.0
+
+
+def test_observations_below_the_horizon_are_rejected_and_counted(study, dense):
+    hidden = replace(dense[:4], epoch=tai_to_utc(utc_to_tai(dense.epoch[:4]).shifted(43200.0)))
+    _, left_out = prepared_arc(study, Observations.concatenate([dense, hidden]))
+    assert left_out == {"below the horizon": 4}
 
 
 def test_single_observations_and_one_sided_intervals_keep_their_epochs(study, dense):

@@ -68,18 +68,19 @@ def as_float_array(value: Any, unit: str, name: str) -> NDArray[np.float64]:
     try:
         return np.asarray(numbers, dtype=np.float64)
     except (TypeError, ValueError):
-        first = next((text for text in np.ravel(numbers) if _is_no_number(text)), value)
+        items = numbers if isinstance(numbers, list | tuple | np.ndarray) else [numbers]
+        first = next((item for item in items if not _is_number(item)), value)
         raise InputError(
             f"{name}: expected numbers in {unit}, with a decimal point, got {str(first)[:40]!r}"
         ) from None
 
 
-def _is_no_number(value: Any) -> bool:
+def _is_number(value: Any) -> bool:
     try:
         float(value)
     except (TypeError, ValueError):
-        return True
-    return False
+        return False
+    return True
 
 
 def read_only_array(value: Any, unit: str, name: str) -> NDArray[np.float64]:

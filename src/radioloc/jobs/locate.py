@@ -38,6 +38,7 @@ from radioloc.jobs.problem import EstimationProblem
 from radioloc.jobs.stochastic import StochasticProblem
 from radioloc.jobs.verdict import (
     coordinate_doubts,
+    curvature_doubts,
     decide_status,
     misfits,
     search_hints,
@@ -250,6 +251,9 @@ def _doubts(fitted: _Fit) -> list[Doubt]:
         return []
     doubts = [*misfits(edited, with_considered(problem.noise.sigma_m, fitted.unadjusted), problem.order)]
     usable, fit = edited.initial_status.are(USED), edited.fit
+    interval_s = problem.study.observations.normal_point_s
+    if interval_s is not None:
+        doubts += curvature_doubts(interval_s, _moved_m(fitted), problem.noise.sigma_m[fit.used].min())
     for k, target in enumerate(model.targets):
         observations = FittedObservations(
             model.predictor, k, usable, fit.used, fit.residual_m, fitted.elevation_deg
@@ -303,9 +307,14 @@ def _notes(
     notes += study_notes(study, predictor, not_selected, choice, fitted.edited, estimate.consider.parameters)
     notes += problem.notes
     if choice is not None:
-        moved_m = np.linalg.norm(positions_pa_m(fitted.motions) - positions_pa_m(prior_motions), axis=-1)
-        notes += search_hints(study, estimate, float(moved_m.max()), converged=converged)
+        notes += search_hints(study, estimate, _moved_m(fitted), converged=converged)
     return tuple(notes)
+
+
+def _moved_m(fitted: _Fit) -> float:
+    """Return the largest distance of a target from its a-priori position, m."""
+    moved_m = positions_pa_m(fitted.motions) - positions_pa_m(fitted.problem.prior_motions)
+    return float(np.linalg.norm(moved_m, axis=-1).max())
 
 
 def _require_usable(problem: EstimationProblem, status: Labels, codes: NDArray[np.int8]) -> None:

@@ -2,9 +2,9 @@
 
 Residuals r from a prediction change slowly, so that a straight line r = a + b t represents those of an interval. A
 normal point is the prediction at its epoch plus the value of the line there. The epoch is the middle of the interval.
-Where that is farther from the mean epoch of the observations than their standard deviation, it is the nearest tenth of
-the interval, or the mean epoch itself. Delays of several baselines thus have common epochs. Outliers are rejected by
-their distance from the median of the interval.
+Where the slope of the line would add more than a twentieth to the variance, it is the nearest tenth of the interval, or
+else the mean epoch of the observations. Delays of baselines with equal sampling thus have common epochs. Outliers are
+rejected by their distance from the median of the interval.
 
 The sums of an interval are additive. Observations can therefore be read and condensed in parts, one after the other.
 """
@@ -24,7 +24,12 @@ from radioloc.measurements.observations import Observations
 from radioloc.time import Epochs, tai_to_utc, utc_to_tai
 from radioloc.vectors import Floats, Indices
 
-_KEYS = ("link", "kind", "tag", "wavelength_um", "uplink_hz")  # equal in all observations of a normal point
+CURVATURE_PER_S2 = 3.3e-12
+"""Largest departure of residuals from a line, over the distance of the a-priori position and the interval squared."""
+
+_KEYS = ("file", "link", "kind", "tag", "wavelength_um", "uplink_hz")  # equal within a normal point
+_MAX_LEVER = 0.05  # part of the variance that the slope of the line adds; 2.5 % of sigma
+_MIN_TESTED_COUNT = 3  # of two observations, none is the median
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,6 +52,13 @@ class IntervalSums:
         rows = order[starts]
         return cls(observations.select(rows), number[rows], np.add.reduceat(sums[order], starts))
 
+    @property
+    def shared_count(self) -> int:
+        """Number of intervals of one link and type with observations of several files."""
+        keys = np.stack([self.number, self.observations.link, self.observations.kind, self.observations.file])
+        of_links, of_files = (len(np.unique(rows, axis=1).T) for rows in (keys[:3], keys))
+        return of_files - of_links
+
     def points(self, interval_s: float) -> tuple[Observations, Floats]:
         """Return normal points whose values are still to be predicted, and their residuals, m, shape (g,)."""
         weight, *means = self.sums.T
@@ -55,11 +67,10 @@ class IntervalSums:
         tenth_s = 0.1 * interval_s
         point_s = t.copy()
         for choice_s in (tenth_s * np.rint(t / tenth_s), 0.0):
-            point_s = np.where((choice_s - t) ** 2 < variance_s2, choice_s, point_s)
+            point_s = np.where((choice_s - t) ** 2 < _MAX_LEVER * variance_s2, choice_s, point_s)
         slope, lever = np.zeros_like(t), np.zeros_like(t)
         np.divide(rt - r * t, variance_s2, out=slope, where=point_s != t)
         np.divide((point_s - t) ** 2, variance_s2, out=lever, where=point_s != t)
-        # Whole days apart, as a sum has rounding errors of 1e-7 s.
         day, second_s = np.divmod((self.number + 0.5) * interval_s + point_s, SECONDS_PER_DAY)
         epoch = Epochs.from_jd(J2000_JD + day, second_s / SECONDS_PER_DAY, "TAI")
         points = replace(self.observations, epoch=tai_to_utc(epoch), sigma_m=np.sqrt((1.0 + lever) / weight))
@@ -80,9 +91,10 @@ def interval_sums(
     counts = np.diff(starts, append=len(order))
     middle = order[starts + counts // 2]
     deviation_m = np.abs(residual_m[order] - np.repeat(residual_m[middle], counts))
+    deviation_m[np.repeat(counts < _MIN_TESTED_COUNT, counts)] = 0.0
     series = changed(observations.link[order], observations.kind[order])
     parts = np.split(deviation_m / observations.sigma_m[order], np.flatnonzero(series)[1:])
-    # The deviation of the median itself is zero.
+    # The deviations of medians, and of intervals that are not tested, are zero.
     limits = [THRESHOLD * max(1.0, robust_scale(part[part > 0.0], 0)) for part in parts]
     is_used = np.concatenate([part <= limit for part, limit in zip(parts, limits, strict=True)])
     rows, group = order[is_used], np.repeat(np.arange(len(starts)), counts)[is_used]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
+import warnings
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -17,7 +18,7 @@ from numpy.typing import NDArray
 from radioloc.constants import SECONDS_PER_DAY
 from radioloc.dynamics import AdjustableOrbit
 from radioloc.ephemeris import EphemerisConstants
-from radioloc.errors import CoverageError, FileFormatError, InputError, require_type
+from radioloc.errors import CoverageError, DataQualityWarning, FileFormatError, InputError, require_type
 from radioloc.estimation.statistics import without_figures
 from radioloc.io.formats import read_in_parts, read_observations
 from radioloc.jobs.normal_points import IntervalSums, interval_sums
@@ -145,11 +146,12 @@ def prepared_arc(
     model = build_model(study) if model is None else model
     places = targets_in_pa(study, model)
     known_positions(study, model.ephemeris.constants)  # refuses wrong frames before the work
-    condensed = dict[str, int]()
-    if study.observations.normal_point_s is not None:
-        observations, condensed = _normal_points(study, observations, model, places)
-    chosen, left_out = chosen_observations(study, observations, model)
-    left_out = dict(Counter(condensed) + Counter(left_out))
+    if study.observations.normal_point_s is None:
+        chosen, left_out = chosen_observations(study, observations, model)
+    else:
+        points, rejected = _normal_points(study, observations, model, places)
+        chosen, left_out = _chosen(study, points, model)
+        left_out = dict(Counter(rejected) + Counter(left_out))
     with step(f"preparing {len(chosen)} observations"):
         predictor = _arc(study, model, chosen, places, orbits or {})
     logger.info("prepared the model for %d observations by %s", len(chosen), ", ".join(predictor.stations))
@@ -242,6 +244,13 @@ def chosen_observations(
     else:
         require_type("observations", observations, Observations)
         observations = with_rounding_in_sigmas(without_duplicates(observations))
+    return _chosen(study, observations, model)
+
+
+def _chosen(
+    study: Study, observations: Observations, model: PhysicalModel
+) -> tuple[Observations, dict[str, int]]:
+    """Return the observations that a study asks for, with its sigmas, and the number of others by reason."""
     chosen, left_out = select_observations(
         observations, study.observations, study.catalogue, study.targets, model.sources, study.target_name
     )
@@ -297,8 +306,13 @@ def _normal_points(
 
     Doppler and delay rates stay as they are. Observations are read and condensed in parts.
     """
-    choice, counts = study.observations, Counter[str]()
+    choice, counts, unusable = study.observations, Counter[str](), Counter[str]()
     assert choice.normal_point_s is not None
+    choice.require_transmitters()
+    if choice.hours is not None and choice.start is None:
+        raise InputError(
+            "[observations] normal_point_s: expected start beside hours, as files are read in parts; give start"
+        )
     if study.orbiters:
         raise InputError(
             "[observations] normal_point_s: expected targets on the Moon, got an orbit to be determined, from which "
@@ -307,12 +321,19 @@ def _normal_points(
     if observations is None:
         parts = read_in_parts(_files(study), _ROWS_AT_ONCE, **_reading(study, model))
     else:
-        parts = observations.parts(_ROWS_AT_ONCE)
-    sums, counted = list[IntervalSums](), list[Observations]()
+        require_type("observations", observations, Observations)
+        parts = with_rounding_in_sigmas(without_duplicates(observations)).parts(_ROWS_AT_ONCE)
+    sums, counted, renamed = list[IntervalSums](), list[Observations](), set[str]()
     for part in parts:
+        if part.ramped.any():
+            raise InputError(
+                f"[observations] normal_point_s: expected constant frequencies, got ramps "
+                f"({part.origin(int(np.argmax(part.ramped)))}); leave it out"
+            )
         present = {canonical_target(name) for link in part.links for name in link.targets}
         names = {old: new for old, new in choice.target_names.items() if canonical_target(old) in present}
         part = with_target_names(part, names)
+        renamed.update(names)
         mask, left_out = selected(
             part, choice, study.catalogue, study.targets, model.sources, study.target_name, complete=False
         )
@@ -326,18 +347,36 @@ def _normal_points(
             status = without_figures(usability(predictor)[0])
             used = status.are(USED)
             numbers = np.bincount(status.codes, minlength=len(status.texts)).tolist()
-            counts.update(dict(zip(status.texts, numbers, strict=True)))
+            unusable += Counter(dict(zip(status.texts, numbers, strict=True)))
+            del unusable[USED]
             residual_m = predictor.observations.value_m - _computed_m(predictor)
             item, outlier_count = interval_sums(
                 predictor.observations.select(used), residual_m[used], choice.normal_point_s
             )
             counts["outlier of a normal point"] += outlier_count
             sums.append(item)
-    if sums:
-        condensed, residual_m = IntervalSums.concatenate(sums).points(choice.normal_point_s)
+    if unknown := sorted(set(choice.target_names) - renamed):
+        raise InputError(f"[observations] target_names: expected targets of the files, got {unknown[0]}")
+    total = IntervalSums.concatenate(sums) if sums else None
+    if not any(map(len, counted)) and (total is None or not len(total.number)) and unusable:
+        texts = "; ".join(f"{count} {reason}" for reason, count in unusable.items())
+        raise InputError(
+            f"no observations left ({texts}); check the target's position and frame, and the stations"
+        )
+    counts += unusable
+    if total is not None:
+        if shared_count := total.shared_count:
+            warnings.warn(
+                f"{shared_count} normal points have observations of the same link and interval in another file; copies "
+                "in different files are not found and would count twice: remove them",
+                DataQualityWarning,
+                stacklevel=2,
+            )
+        condensed, residual_m = total.points(choice.normal_point_s)
         predictor = _arc(study, model, condensed, places, {})
         counted.insert(0, replace(condensed, value_m=_computed_m(predictor) + residual_m))
-    del counts[USED]
+    if not counted:
+        raise InputError("no observations left: the files hold none; name files of observations")
     return Observations.concatenate(counted), dict(counts)
 
 

@@ -23,6 +23,7 @@ from radioloc.estimation.series import SeriesOrder
 from radioloc.estimation.stated_sigmas import noise_over_stated
 from radioloc.estimation.status import Doubt, FitStatus
 from radioloc.estimation.variance_components import mean_leverage
+from radioloc.jobs.normal_points import CURVATURE_PER_S2
 from radioloc.labels import USED
 from radioloc.measurements.evaluation import prepare_predictor
 from radioloc.measurements.predictor import Predictor
@@ -48,6 +49,7 @@ MAX_POSITION_SIGMA_M = 0.1 * MEAN_LUNAR_RADIUS_M
 """Largest sigma of a position with a meaningful error ellipse: the ground bends away from it by 9 km."""
 _ENDED = (FitStatus.CONVERGED, FitStatus.DIVERGED, FitStatus.MAX_ITERATIONS, FitStatus.OFF_THE_MOON)
 """Status of fits whose cause may be a position that is not observable."""
+_MAX_CURVATURE_SIGMAS = 0.1  # error of normal points by curved residuals, which they have in common
 _SAMPLE_ROWS = 20  # of a station
 _MIN_IMPROVEMENT = 10.0  # ratio of the rms of residuals with other axes or signs of a station's coordinates
 _MAX_RMS_M = 1.0e5  # with them, at an a-priori position some tens of kilometres off
@@ -173,6 +175,17 @@ def _sigma_doubts(estimate: LocatedEstimate) -> Iterator[Doubt]:
             f"the sigma of the position is {1e-3 * sigma_m:.0f} km, more than a tenth of the lunar radius: the "
             "observations do not determine the position; add ranges, VLBI delays, an a-priori height, more stations or "
             "a longer arc",
+        )
+
+
+def curvature_doubts(interval_s: float, away_m: float, min_sigma_m: float) -> Iterator[Doubt]:
+    """Doubt normal points that were condensed too far from the estimate for straight lines."""
+    error_m = CURVATURE_PER_S2 * away_m * interval_s**2
+    if error_m > _MAX_CURVATURE_SIGMAS * min_sigma_m:
+        yield Doubt(
+            FitStatus.MISFIT,
+            f"normal points of {interval_s:g} s, condensed {away_m / 1e3:.3g} km from the estimate, have errors of up "
+            f"to {error_m:.2g} m: give the estimate as the a-priori position in [target], or a shorter normal_point_s",
         )
 
 

@@ -107,8 +107,8 @@ class MapGrid:
     closed: bool = False  # the map covers all longitudes by a whole number of columns
     fold_north: int | None = None  # row r beyond the pole is fold - r, half a turn away
     fold_south: int | None = None
-    # x at zero and its derivative by longitude, y and its derivative by latitude, where both are linear
-    linear: tuple[float, float, float, float] | None = None
+    # Central longitude, x there and its derivative by longitude, y at zero and its derivative by latitude, if linear
+    linear: tuple[float, float, float, float, float] | None = None
 
     @classmethod
     def of_map(cls, crs: Any, transform: Any, rows: int, columns: int, sphere_m: float) -> MapGrid:
@@ -142,7 +142,8 @@ class MapGrid:
         if name in _ROWS_EVEN_IN_LATITUDE:
             _, y = grid._project(np.full(2, centre_rad), np.array([math.pi / 2, -math.pi / 2]))
             by_longitude, by_latitude = float(x[1] - x[0]) / (math.pi / 2), float(y[0] - y[1]) / math.pi
-            linear = float(x.mean()) - by_longitude * centre_rad, by_longitude, float(y.mean()), by_latitude
+            if "lon_wrap" not in definition:
+                linear = centre_rad, float(x.mean()), by_longitude, float(y.mean()), by_latitude
             if closed and round(around) % 2 == 0:
                 sums = 2.0 * ((y - transform.f) / transform.e - 0.5)
                 folds = [round(float(t)) if abs(t - round(t)) < 0.1 else None for t in sums]
@@ -251,8 +252,10 @@ class MapGrid:
 
     def _project(self, longitude_rad: Floats, latitude_rad: Floats) -> tuple[Floats, Floats]:
         if self.linear is not None:  # 40 times as fast as PROJ
-            x, by_longitude, y, by_latitude = self.linear
-            return x + by_longitude * longitude_rad, y + by_latitude * latitude_rad
+            centre_rad, x, by_longitude, y, by_latitude = self.linear
+            angle_rad = longitude_rad - centre_rad
+            angle_rad = angle_rad - 2.0 * math.pi * np.rint(angle_rad / (2.0 * math.pi))
+            return x + by_longitude * angle_rad, y + by_latitude * latitude_rad
         return _transform(self.geographic, self.crs, np.degrees(longitude_rad), np.degrees(latitude_rad))
 
 

@@ -17,6 +17,7 @@ from radioloc.estimation.combination import Ellipse, horizontal_ellipse
 from radioloc.estimation.statistics import Residuals, finite_or_none
 from radioloc.lunar.local import EAST_NORTH_UP, local_difference
 from radioloc.lunar.selenographic import selenographic_to_cartesian
+from radioloc.measurements.link import canonical_target
 from radioloc.results.cards import Field, metres, sigma_text, value_text
 from radioloc.results.names import parameter_name
 from radioloc.results.recorded import check_solution
@@ -294,13 +295,17 @@ def contents_by_target(results: Iterable[SolutionLike]) -> list[Mapping[str, Any
 def single_content(results: Iterable[SolutionLike], target: str | None = None) -> Mapping[str, Any]:
     """Return the content of ``solution.json`` for the only target of solutions, or for one of these by its name."""
     contents = contents_by_target(results)
-    matches = [content for content in contents if target in (None, content.get("target"))]
-    if len(matches) != 1:
-        names = ", ".join(content.get("target", content["name"]) for content in contents)
+    by_name = {content.get("target") or content["name"]: content for content in contents}
+    names = ", ".join(by_name)
+    if target is not None:
+        contents = [by_name[name] for name in by_name if canonical_target(name) == canonical_target(target)]
+        if not contents:
+            raise InputError(f"--target: expected {names}, got {target}")
+    if len(contents) != 1:
         raise InputError(
             f"expected one position for this format, got {names}; give one, or a target by --target"
         )
-    return matches[0]
+    return contents[0]
 
 
 def references_of(content: Mapping[str, Any]) -> list[Mapping[str, Any]]:

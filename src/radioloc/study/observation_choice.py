@@ -235,8 +235,8 @@ def with_turnaround(observations: Observations, rows: Indices, ratio: float | No
     return np.asarray(count_m - recorded / ratio * (count_m - value_m))
 
 
-_MAX_NORMAL_POINT_S = 300.0
-"""The residuals of an a-priori position that is 100 km off depart by 3 cm from a straight line over it."""
+NORMAL_POINT_LIMITS_S = (1e-3, 300.0)
+"""The residuals of an a-priori position that is 100 km off depart by 3 cm from a straight line over 300 s."""
 
 TDM_KEYS = {
     "sigma_m": "sigma_m",
@@ -297,13 +297,10 @@ class ObservationChoice:
         for name in ("weights", "frequencies", "map_positions", "uplinks"):
             set_fields(self, **{name: tuple(getattr(self, name))})
         check(self)
-        if (self.normal_point_s or 0.0) > _MAX_NORMAL_POINT_S:
+        low_s, high_s = NORMAL_POINT_LIMITS_S
+        if self.normal_point_s is not None and not low_s <= self.normal_point_s <= high_s:
             raise InputError(
-                f"normal_point_s: expected at most {_MAX_NORMAL_POINT_S:g} s, got {self.normal_point_s:g} s"
-            )
-        if self.normal_point_s is not None and self.hours is not None and self.start is None:
-            raise InputError(
-                "normal_point_s: expected start beside hours, as files are read in parts; give start"
+                f"normal_point_s: expected {low_s:g} to {high_s:g} s, got {self.normal_point_s:g} s"
             )
         if self.start is not None and self.stop is not None:
             length_s = utc_to_tai(self.stop).seconds_since(utc_to_tai(self.start))

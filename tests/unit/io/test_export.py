@@ -176,7 +176,8 @@ def test_all_targets_are_exported_with_the_references_of_the_first(tmp_path, end
     out = tmp_path / f"a.{ending}"
     spk = ["export", str(tmp_path / "solution.json"), str(tmp_path / "a.bsp")]
     assert main(spk) == 2
-    assert main([*spk, "--target", "B"]) == 0
+    assert main([*spk, "--target", "b"]) == 0
+    assert main([*spk, "--target", "C"]) == 2
     assert "LANDER_5_B" in (tmp_path / "a.tf").read_text()
     assert main(["export", str(tmp_path / "solution.json"), str(out)]) == 0
     if ending == "md":

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from change5_case import LANDER, NOISE, RANGING, START, VLBI
 
-from radioloc.errors import InputError
+from radioloc.errors import DataQualityWarning, InputError
 from radioloc.io import write_observations
 from radioloc.jobs import preparation
 from radioloc.jobs.covariance import covariance
@@ -154,7 +154,53 @@ def test_stations_that_no_part_has_are_refused(study):
 )
 def test_lengths_and_hours_that_cannot_be_used_are_refused(study, changes, expected):
     with pytest.raises(InputError, match=expected):
-        with_choice(study, **changes)
+        prepared_arc(with_choice(study, **changes))
+
+
+def test_precise_points_far_from_the_estimate_are_a_misfit(study, dense):
+    precise = replace(dense, sigma_m=np.full(len(dense), 1e-3))
+    solution = locate(with_choice(study, normal_point_s=300.0), precise)
+    assert not solution.converged
+    assert "normal_point_s" in solution.message
+
+
+def test_copies_in_one_table_count_once_and_those_in_two_files_are_noted(study, dense, tmp_path):
+    expected = prepared_arc(study, dense)[0].observations
+    with pytest.warns(DataQualityWarning):
+        points = prepared_arc(study, Observations.concatenate([dense, dense]))[0].observations
+    np.testing.assert_allclose(points.sigma_m, expected.sigma_m)
+    write_observations(tmp_path / "a.parquet", dense)
+    write_observations(tmp_path / "b.parquet", dense)
+    with pytest.warns(DataQualityWarning, match="in another file"):
+        prepared_arc(with_choice(study, files=(tmp_path / "a.parquet", tmp_path / "b.parquet")))
+
+
+def test_weights_of_a_file_are_those_of_its_points(study, dense, tmp_path):
+    write_observations(tmp_path / "a.parquet", dense[::2])
+    write_observations(tmp_path / "b.parquet", dense[1::2])
+    chosen = {"files": (tmp_path / "a.parquet", tmp_path / "b.parquet")}
+    with pytest.warns(DataQualityWarning):
+        points = prepared_arc(with_choice(study, **chosen))[0].observations
+    assert np.bincount(points.file).min() > 0.4 * len(points)
+
+
+def test_misspelt_names_and_observations_of_another_type_are_refused(study):
+    with pytest.raises(InputError, match=r"target_names.*ce55"):
+        prepared_arc(with_choice(study, target_names={"ce55": "lander"}))
+    with pytest.raises(InputError, match="observations"):
+        locate(study, "dense.parquet")
+
+
+def test_reasons_are_given_if_nothing_is_left(study, dense):
+    hidden = replace(dense, epoch=tai_to_utc(utc_to_tai(dense.epoch).shifted(43200.0)))
+    with pytest.raises(InputError, match="below the horizon"):
+        prepared_arc(study, hidden)
+
+
+def test_ramps_are_refused(study, dense):
+    ramped = replace(dense, ramped=np.ones(len(dense), dtype=bool))
+    with pytest.raises(InputError, match=r"normal_point_s.*ramps"):
+        prepared_arc(study, ramped)
 
 
 def test_orbits_and_schedules_are_refused(study, tmp_path):

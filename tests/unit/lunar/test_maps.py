@@ -1,5 +1,7 @@
 """Maps as images of the ground: pixels, degrees and metres in each projection, views in a plane, what is refused."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import rasterio
@@ -9,6 +11,7 @@ from rasterio.transform import Affine
 from terrain_maps import LONGLAT, R, write_raster
 
 from radioloc.errors import FileFormatError, InputError
+from radioloc.lunar.map_grid import MapGrid
 from radioloc.lunar.maps import Map, TangentPlane
 
 SITE = (-19.51, 44.12)  # degrees
@@ -78,6 +81,15 @@ def test_covariance_follows_east_and_north():
     covariance_m2 = np.array([[25.0, 6.0], [6.0, 4.0]])
     expected = change @ covariance_m2 @ change.T
     np.testing.assert_allclose(plane.covariance_at(at, covariance_m2), expected, rtol=0, atol=1e-5)
+
+
+def test_cells_of_a_map_about_the_far_side_are_those_of_its_projection():
+    crs = CRS.from_string(f"+proj=eqc +lon_0=180 +R={R} +no_defs")
+    grid = MapGrid.of_map(crs, Affine(5.0, 0.0, -1e4, 0.0, -5.0, 1e4), 4000, 4000, R)
+    longitude_rad = np.radians([179.95, -179.95, 180.0, -180.0])
+    assert grid.linear is not None
+    expected = replace(grid, linear=None).cells(longitude_rad, np.zeros(4))
+    np.testing.assert_allclose(grid.cells(longitude_rad, np.zeros(4)), expected, atol=1e-6)
 
 
 @pytest.mark.parametrize("name", PROJECTIONS)

@@ -240,9 +240,8 @@ def _with_covariances(
     directions = directions_of_rows(root[~fit.parameters.considered[free]])
     prior = (root / fit.parameters.prior_sigmas[free, None]) @ directions
     series, begin = noise.series, 0
-    whitened = np.empty(
-        (len(series.time_s), directions.shape[1])
-    )  # hundreds of megabytes, which are not held twice
+    # Hundreds of megabytes, which are not held twice.
+    whitened = np.empty((len(series.time_s), directions.shape[1]))
     for part in fit.whitened_unit_partials(directions):
         whitened[begin : (begin := begin + len(part))] = part
     added = np.zeros((directions.shape[1],) * 2)

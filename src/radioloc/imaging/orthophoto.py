@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.errors import InputError
-from radioloc.imaging.rectification import TerrainView, grid_around, new_cog, part_of, rectified
+from radioloc.imaging.rectification import TerrainView, grid_around, new_cog, outline, part_of, rectified
 from radioloc.imaging.sensor_models import SensorModel
 from radioloc.lunar import TerrainModel
 
@@ -60,7 +60,7 @@ def write_orthophoto(
                 f"expected an image of {dtype} with the shape {tuple(model.shape)} (lines, samples) of its model, got "
                 f"{image.dtype} and {image.shape}"
             )
-    grid = grid_around(views, projection, resolution_m)
+    grid = grid_around(np.concatenate([outline(view) for view in views]), projection, resolution_m)
     any_visible = False
     with new_cog(path, grid, dtype) as file:
         for _, window in file.block_windows(1):

@@ -16,7 +16,7 @@ from radioloc.imaging.homography import transformed
 from radioloc.imaging.mosaic import balanced
 from radioloc.imaging.orientation import quaternions_from_matrices
 from radioloc.imaging.rectification import (
-    MARGIN_PART,
+    grid_around,
     map_grid,
     nearest_projection,
     new_cog,
@@ -190,9 +190,7 @@ def _write_mosaic(solution: MappedImages, path: Path) -> None:
 
 def _write_rectified(solution: MappedImages, frame: RegisteredFrame, path: Path) -> None:
     angles = solution.registration.outline(frame.name)
-    grid = _limited(
-        lambda cell_m: map_grid(_projection(solution), angles, cell_m, MARGIN_PART), frame.pixel_m
-    )
+    grid = _limited(lambda cell_m: grid_around(angles, _projection(solution), cell_m), frame.pixel_m)
     _write_map(path, grid, *_rectified_frame(solution, frame, grid))
 
 

@@ -7,7 +7,7 @@ Cells outside the image, hidden by other ground, or without height are masked.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from itertools import product
@@ -34,16 +34,13 @@ from radioloc.lunar.terrain import LargeWindowError, NoTerrainError
 from radioloc.text_files import replaced_file, scratch_folder
 from radioloc.vectors import Floats
 
-MARGIN_PART = 1.0 / 64.0
-"""Margin of the grid of an image, as a part of the size of its ground."""
+_MARGIN_PART = 1.0 / 64.0  # margin of the grid of an image, as a part of the size of its ground
 _OUTLINE_POINTS = 65  # per side of an image
 _MAX_RAY_MISS_CELLS = 1.0  # of a point from the first intersection of its ray, for a visible point
 # Largest distance from the middle of an image's tie points, in their standard deviations; a square's corner has 2.4.
 _MAX_EXTRAPOLATION = 4.0
-_SQUARE_CELLS, _MIN_SQUARES = (
-    (16, 4),
-    8,
-)  # sides of squares in which pixels are interpolated, their least number
+_SQUARE_CELLS = (16, 4)  # sides of the squares in which pixels are interpolated
+_MIN_SQUARES = 8  # least number of squares along a side of the grid
 _MAX_EQUIRECTANGULAR_LATITUDE_DEG = 60.0  # a parallel there has half of its length on the map
 
 
@@ -212,9 +209,9 @@ def _lunar_projection(projection: str, resolution_m: float) -> Any:
     return crs
 
 
-def grid_around(views: Iterable[View], projection: str, resolution_m: float) -> MapGrid:
-    """Return the grid of cells that contains the ground of all images."""
-    return map_grid(projection, np.concatenate([outline(view) for view in views]), resolution_m, MARGIN_PART)
+def grid_around(angles: Floats, projection: str, resolution_m: float) -> MapGrid:
+    """Return the grid of cells that contains the ground of images, given by angles (n, 2), with a margin."""
+    return map_grid(projection, angles, resolution_m, _MARGIN_PART)
 
 
 def outline(view: View) -> Floats:

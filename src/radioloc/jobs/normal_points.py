@@ -19,7 +19,7 @@ import numpy as np
 from radioloc.constants import J2000_JD, SECONDS_PER_DAY
 from radioloc.estimation.editing import THRESHOLD
 from radioloc.estimation.statistics import robust_scale
-from radioloc.labels import changed
+from radioloc.labels import changed, distinct
 from radioloc.measurements.observations import Observations
 from radioloc.time import Epochs, tai_to_utc, utc_to_tai
 from radioloc.vectors import Floats, Indices
@@ -55,8 +55,9 @@ class IntervalSums:
     @property
     def shared_count(self) -> int:
         """Number of intervals of one link and type with observations of several files."""
-        keys = np.stack([self.number, self.observations.link, self.observations.kind, self.observations.file])
-        of_links, of_files = (len(np.unique(rows, axis=1).T) for rows in (keys[:3], keys))
+        items = self.observations
+        keys = np.stack([self.number, items.link, items.kind, items.file], axis=1)
+        of_links, of_files = (len(distinct(rows)[0]) for rows in (keys[:, :3], keys))
         return of_files - of_links
 
     def points(self, interval_s: float) -> tuple[Observations, Floats]:

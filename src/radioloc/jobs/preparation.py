@@ -23,7 +23,13 @@ from radioloc.estimation.statistics import without_figures
 from radioloc.io.formats import read_in_parts, read_observations
 from radioloc.jobs.normal_points import IntervalSums, interval_sums
 from radioloc.jobs.one_thread import on_one_blas_thread
-from radioloc.jobs.selection import select_observations, selected, with_target_names
+from radioloc.jobs.selection import (
+    require_targets,
+    select_observations,
+    selected,
+    targets_of,
+    with_target_names,
+)
 from radioloc.jobs.study_targets import position_in_pa, targets_in_pa
 from radioloc.labels import USED, Labels
 from radioloc.lunar.frames import earth_elevation_rad
@@ -239,12 +245,14 @@ def chosen_observations(
 ) -> tuple[Observations, dict[str, int]]:
     """Return the observations of a study, and the number of others by reason; errors as :func:`radioloc.locate`."""
     study.observations.require_transmitters()
-    if observations is None:
-        observations = read_as(study, _files(study), model)
-    else:
-        require_type("observations", observations, Observations)
-        observations = with_rounding_in_sigmas(without_duplicates(observations))
+    observations = read_as(study, _files(study), model) if observations is None else _checked(observations)
     return _chosen(study, observations, model)
+
+
+def _checked(observations: Observations) -> Observations:
+    """Return observations in memory, checked as those of files are."""
+    require_type("observations", observations, Observations)
+    return with_rounding_in_sigmas(without_duplicates(observations))
 
 
 def _chosen(
@@ -321,19 +329,16 @@ def _normal_points(
     if observations is None:
         parts = read_in_parts(_files(study), _ROWS_AT_ONCE, **_reading(study, model))
     else:
-        require_type("observations", observations, Observations)
-        parts = with_rounding_in_sigmas(without_duplicates(observations)).parts(_ROWS_AT_ONCE)
-    sums, counted, renamed = list[IntervalSums](), list[Observations](), set[str]()
+        parts = _checked(observations).parts(_ROWS_AT_ONCE)
+    sums, counted, present = list[IntervalSums](), list[Observations](), set[str]()
     for part in parts:
         if part.ramped.any():
             raise InputError(
                 f"[observations] normal_point_s: expected constant frequencies, got ramps "
                 f"({part.origin(int(np.argmax(part.ramped)))}); leave it out"
             )
-        present = {canonical_target(name) for link in part.links for name in link.targets}
-        names = {old: new for old, new in choice.target_names.items() if canonical_target(old) in present}
-        part = with_target_names(part, names)
-        renamed.update(names)
+        present |= targets_of(part)
+        part = with_target_names(part, choice.target_names, complete=False)
         mask, left_out = selected(
             part, choice, study.catalogue, study.targets, model.sources, study.target_name, complete=False
         )
@@ -355,8 +360,7 @@ def _normal_points(
             )
             counts["outlier of a normal point"] += outlier_count
             sums.append(item)
-    if unknown := sorted(set(choice.target_names) - renamed):
-        raise InputError(f"[observations] target_names: expected targets of the files, got {unknown[0]}")
+    require_targets(present, choice.target_names)
     total = IntervalSums.concatenate(sums) if sums else None
     if not any(map(len, counted)) and (total is None or not len(total.number)) and unusable:
         texts = "; ".join(f"{count} {reason}" for reason, count in unusable.items())

@@ -54,17 +54,32 @@ def select_observations(
     return chosen, left_out
 
 
-def with_target_names(observations: Observations, names: Mapping[str, str]) -> Observations:
-    """Return observations with other names of targets than in the files; an unknown name is an error."""
-    if not names:
-        return observations
-    new_names = {canonical_target(old): canonical_target(new) for old, new in names.items()}
-    present = {canonical_target(name) for link in observations.links for name in link.targets}
-    if unknown := [name for name in new_names if name not in present]:
+def targets_of(observations: Observations) -> set[str]:
+    """Return the targets of all links of observations."""
+    return {canonical_target(name) for link in observations.links for name in link.targets}
+
+
+def require_targets(present: Collection[str], names: Iterable[str]) -> None:
+    """Refuse a name of ``target_names`` that is not among the targets of the files."""
+    if unknown := [name for name in map(canonical_target, names) if name not in present]:
         raise InputError(
             f"[observations] target_names: expected targets of the files ({', '.join(sorted(present))}), "
             f"got {unknown[0]}"
         )
+
+
+def with_target_names(
+    observations: Observations, names: Mapping[str, str], *, complete: bool = True
+) -> Observations:
+    """Return observations with other names of targets than in the files; an unknown name is an error.
+
+    A part of the observations, which is not `complete`, may lack targets that are named.
+    """
+    if not names:
+        return observations
+    if complete:
+        require_targets(targets_of(observations), names)
+    new_names = {canonical_target(old): canonical_target(new) for old, new in names.items()}
 
     def renamed(name: str) -> str:
         return new_names.get(canonical_target(name), name) if name else ""

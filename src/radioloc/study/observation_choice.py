@@ -235,7 +235,7 @@ def with_turnaround(observations: Observations, rows: Indices, ratio: float | No
     return np.asarray(count_m - recorded / ratio * (count_m - value_m))
 
 
-NORMAL_POINT_LIMITS_S = (1e-3, 300.0)
+_NORMAL_POINT_LIMITS_S = (1e-3, 300.0)
 """The residuals of an a-priori position that is 100 km off depart by 3 cm from a straight line over 300 s."""
 
 TDM_KEYS = {
@@ -297,7 +297,7 @@ class ObservationChoice:
         for name in ("weights", "frequencies", "map_positions", "uplinks"):
             set_fields(self, **{name: tuple(getattr(self, name))})
         check(self)
-        low_s, high_s = NORMAL_POINT_LIMITS_S
+        low_s, high_s = _NORMAL_POINT_LIMITS_S
         if self.normal_point_s is not None and not low_s <= self.normal_point_s <= high_s:
             raise InputError(
                 f"normal_point_s: expected {low_s:g} to {high_s:g} s, got {self.normal_point_s:g} s"

@@ -91,7 +91,7 @@ class Points:
     residual: Floats  # (n,), whitened by the stated noise
     unit: Floats  # (n, q), whitened partials with respect to parameters of unit formal covariance
     time_s: Floats = field(default_factory=lambda: np.zeros(0))  # (n,), where it is asked for
-    compiled: bool = False  # whether compilation pays, as in one of many trials
+    compiled: bool = False  # whether compilation pays, as in one of many trials or in a long arc
 
     def series_slice(self, k: int) -> slice:
         """Points of a series."""

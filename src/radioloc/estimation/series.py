@@ -24,6 +24,7 @@ from radioloc.time import Epochs
 from radioloc.vectors import Floats, Indices, Mask
 
 MAX_POINTS = 250  # of a series; longer ones are averaged over bins before a noise model is sought
+_MIN_COMPILED_ROWS = 2**16  # of observations from which on noise is sought by compiled loops
 _MAX_BIN_ROWS = 16  # rows of a bin whose partials are computed: partials are smooth within a bin
 _SIGMA_RTOL = 1e-6  # of combinations that are equal but for rounding
 _MIN_REMAINING_FRACTION = 0.37  # symmetric networks have no such part, so rounding does not decide
@@ -189,6 +190,7 @@ def points_of(series: IndependentSeries, rows_of: RowsOf) -> Points:
         residual=columns[:, 0].copy(),
         unit=columns[:, 1:],
         time_s=time_s,
+        compiled=len(series.number) >= _MIN_COMPILED_ROWS,
     )
 
 

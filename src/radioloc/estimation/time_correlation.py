@@ -94,8 +94,8 @@ def assess_time_correlation(
     q = root.shape[1]
     points, free = points_of(series, column(fit.residual_m)), fit.parameters.free
     partials = binned_partials(series, fit.linearization.partials)[:, free]
-    is_trial = isinstance(fit.linearization, OrthonormalLinearization)
-    points = replace(points, unit=matrix_product(partials, root), compiled=is_trial)
+    compiled = points.compiled or isinstance(fit.linearization, OrthonormalLinearization)
+    points = replace(points, unit=matrix_product(partials, root), compiled=compiled)
     noise = noise_of_series(*_without_considered(fit, points, partials), significant=False)
     if not noise:
         return uncorrelated

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
+Codes = NDArray[np.int32]  # indices of four bytes, of columns that are held for each observation
 Mask = NDArray[np.bool_]
 
 

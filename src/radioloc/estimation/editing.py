@@ -46,7 +46,7 @@ from radioloc.noise.covariance import ObservationCovariance
 from radioloc.noise.whitening import Rows
 from radioloc.parameters.parameter import ParameterSet
 from radioloc.quantities import accepts_quantities
-from radioloc.vectors import Floats, Indices, Mask
+from radioloc.vectors import Codes, Floats, Mask
 
 THRESHOLD = 5.0  # sigmas; one normal residual in 1.7 million is larger
 _MIN_THRESHOLD = 2.0  # sigmas; a smaller one rejects more than 4.5 % of the good observations
@@ -121,7 +121,7 @@ def fit_with_editing(
     threshold: float | None = THRESHOLD,
     previous: EditedFit | None = None,
     start: Floats | None = None,
-    link_indices: Indices | None = None,
+    link_indices: Codes | None = None,
 ) -> EditedFit:
     """Estimate parameters and reject outliers until the set of used observations stays the same.
 
@@ -237,7 +237,7 @@ class _Editor:
     parameters: ParameterSet
     noise: ObservationCovariance
     usable: Mask  # (n,), mask of the observations that may be used
-    link_indices: Indices | None  # (n,)
+    link_indices: Codes | None  # (n,)
 
     @property
     def unconstrained_count(self) -> int:

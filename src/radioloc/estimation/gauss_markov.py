@@ -114,9 +114,9 @@ class SeriesNoise:
         return self.white + float(self.coloured.sum())
 
     @property
-    def explained_variance(self) -> float:
-        """Variance that the covariance of the estimate has already: that of the noise, if only that is significant."""
-        return 1.0 if self.is_significant else self.variance
+    def excess(self) -> SeriesNoise:
+        """Noise less the variance in the covariance of the estimate: the stated one, or all if not significant."""
+        return replace(self, white=self.white - (1.0 if self.is_significant else self.variance))
 
     @property
     def share(self) -> float:

@@ -17,11 +17,12 @@ from radioloc.constants import SECONDS_PER_DAY
 from radioloc.estimation.gauss_markov import Points, Series, SeriesNoise
 from radioloc.labels import Labels, changed, distinct
 from radioloc.measurements.link import Link
+from radioloc.measurements.predictor import ROWS_AT_ONCE
 from radioloc.noise.covariance import ObservationCovariance
 from radioloc.noise.processes import KalmanFilter, transitions
 from radioloc.noise.whitening import Blocks, Diagonal, Rows, RowsOf, Structure, StructuredWhitener
 from radioloc.time import Epochs
-from radioloc.vectors import Floats, Indices, Mask
+from radioloc.vectors import Codes, Floats, Indices, Mask
 
 MAX_POINTS = 250  # of a series; longer ones are averaged over bins before a noise model is sought
 _MIN_COMPILED_ROWS = 2**16  # of observations from which on noise is sought by compiled loops
@@ -51,7 +52,7 @@ class SeriesOrder:
     types: Labels  # kinds of the n observations
     time_s: Floats  # (n,), when each was made, s from any instant
     series: tuple[LinkSeries, ...]
-    code: Indices  # (n,), which of the series an observation belongs to
+    code: Codes  # (n,), which of the series an observation belongs to
     order: Indices  # (n,), rows, sorted by series and time
 
     @classmethod
@@ -64,12 +65,13 @@ class SeriesOrder:
             kind, path = types.texts[pair // len(paths.texts)], paths.texts[pair % len(paths.texts)]
             signs = Link.from_path(path).reception_signs if ">" in path else {path: 1.0}
             series.append(LinkSeries(kind, path, signs))
+        code = code.astype(np.int32)
         return cls(types, time_s, tuple(series), code, np.lexsort((time_s, code)))
 
     @property
     def links(self) -> Labels:
         """Kind and path of each observation."""
-        return Labels(self.code.astype(np.int32), tuple(series.name for series in self.series))
+        return Labels(self.code, tuple(series.name for series in self.series))
 
     def of_stations(self, codes: Iterable[int]) -> dict[str, dict[int, float]]:
         """Series of each receiving station, with its signs."""
@@ -96,9 +98,9 @@ class IndependentSeries:
         return np.split(np.argsort(self.number, kind="stable"), np.cumsum(count)[:-1])
 
     @cached_property
-    def bins(self) -> tuple[Indices, Indices, Floats]:
+    def bins(self) -> tuple[Codes, Indices, Floats]:
         """Bin of each combination, (N,); first bin of each series, and their count, (s + 1,); durations, s, (s,)."""
-        place, begin, width_s = np.empty(len(self.number), dtype=np.intp), [0], []
+        place, begin, width_s = np.empty(len(self.number), dtype=np.int32), [0], []
         for indices in self.of_each:
             of_series, duration_s = bins(self.time_s[indices], MAX_POINTS)
             place[indices] = begin[-1] + of_series
@@ -118,6 +120,27 @@ class IndependentSeries:
             add_rows(sums, place[part], values)
             squares += np.bincount(self.number[part], values[:, 0] ** 2, len(squares))
         return sums / np.sqrt(np.bincount(place))[:, None], squares
+
+    def sections(self, parts: Iterable[Floats]) -> Iterator[tuple[slice, list[int], Floats]]:
+        """Yield successive combinations, the series to which they all belong, and their columns from all parts."""
+        first, last = np.array([indices[[0, -1]] for indices in self.of_each]).T
+        order = np.argsort(first)
+        ends = np.maximum.accumulate(last[order]) + 1
+        is_complete = np.append(first[order[1:]] >= ends[:-1], True)
+        numbers, begin, parts = list[int](), 0, iter(parts)
+        part = next(parts)
+        for number, end, complete in zip(order.tolist(), ends.tolist(), is_complete.tolist(), strict=True):
+            numbers.append(number)
+            if not complete or (end - begin < ROWS_AT_ONCE and end < len(self.number)):
+                continue
+            columns, filled = np.empty((end - begin, part.shape[1])), 0
+            while filled < len(columns):
+                part = part if len(part) else next(parts)
+                count = min(len(part), len(columns) - filled)
+                columns[filled : filled + count], part = part[:count], part[count:]
+                filled += count
+            yield slice(begin, end), numbers, columns
+            numbers, begin = [], end
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -163,7 +186,7 @@ class CorrelatedWhitener:
         )
 
 
-def add_rows(sums: Floats, place: Indices, values: Floats) -> None:
+def add_rows(sums: Floats, place: Indices | Codes, values: Floats) -> None:
     """Add values (m, c) to those rows of sums that are their places (m,)."""
     from scipy.sparse import csr_array
 
@@ -247,7 +270,7 @@ def binned_partials(series: IndependentSeries, rows_of: RowsOf) -> Floats:
     return sums / np.sqrt(np.bincount(place))[:, None]
 
 
-def _binned_parts(series: IndependentSeries) -> Iterator[tuple[Structure, slice, Indices, Indices]]:
+def _binned_parts(series: IndependentSeries) -> Iterator[tuple[Structure, slice, Indices, Codes]]:
     """Yield the parts of each structure: rows (m, k) and the bins of their combinations (m, k)."""
     start = 0
     for structure in series.whitener.structures:
@@ -257,7 +280,7 @@ def _binned_parts(series: IndependentSeries) -> Iterator[tuple[Structure, slice,
             yield structure, part, rows, bin_of.reshape(rows.shape)
 
 
-def _sampled(place: Indices) -> tuple[Indices, Floats]:
+def _sampled(place: Codes) -> tuple[Indices, Floats]:
     """Choose rows of each run in one bin, evenly, and count the rows that each represents."""
     starts = np.flatnonzero(changed(place))
     count = np.diff(starts, append=len(place))

@@ -22,7 +22,7 @@ from radioloc.labels import changed
 from radioloc.measurements.predictor import ROWS_AT_ONCE
 from radioloc.noise.processes import KalmanFilter
 from radioloc.noise.whitening import Blocks, Diagonal, Rows, RowsOf, Structure, StructuredWhitener
-from radioloc.vectors import Floats, Indices, Mask
+from radioloc.vectors import Codes, Floats, Indices, Mask
 
 _CELL_S = 256.0  # 1.1 degrees of the Earth's rotation, 13 degrees of a low lunar orbit
 _COUNT = 6  # coefficients; the remainder is 1e-9 of the partials along a low lunar orbit
@@ -37,7 +37,7 @@ class Cells:
     """Division of n observations into c cells of one link and some minutes."""
 
     argument: Floats  # (n,), time in the cell from -1 to 1, the same for all links
-    cell: Rows  # (n,), or -1
+    cell: Codes  # (n,), or -1
     nodes: Rows  # (c, d + 1), observations that determine the coefficients, and one that tests them
 
     @classmethod
@@ -45,7 +45,7 @@ class Cells:
         """Divide observations by keys (n,), the link first, within which partials are smooth, and epochs (n,), s."""
         order = np.argsort(keys[0], kind="stable")
         number, fraction = np.divmod((time_s - time_s.min()) / _CELL_S, 1.0)
-        argument, cell = 2.0 * fraction - 1.0, np.full(len(order), -1)
+        argument, cell = 2.0 * fraction - 1.0, np.full(len(order), -1, dtype=np.int32)
         starts = np.flatnonzero(changed(number[order], *(np.nan_to_num(key)[order] for key in keys)))
         counts = np.diff(starts, append=len(order))
         is_ascending = np.add.reduceat(np.diff(argument[order], append=1.0) < 0.0, starts) <= 1
@@ -70,7 +70,7 @@ class SmoothPartials:
     cells: Cells
     partials: RowsOf  # of each observation
     coefficients: Floats  # (c, d, p)
-    cell: Rows  # (n,), -1 where the polynomials are not precise
+    cell: Codes  # (n,), -1 where the polynomials are not precise
 
     @classmethod
     def from_nodes(cls, cells: Cells, partials: RowsOf) -> SmoothPartials:
@@ -83,7 +83,7 @@ class SmoothPartials:
             errors.append(np.abs((basis[:, -1:] @ coefficients[-1])[:, 0] - values[:, -1]))
             largest = np.maximum(largest, np.abs(values).max(axis=(0, 1), initial=0.0))
         is_precise: Mask = np.all(np.concatenate(errors) <= _TOLERANCE * largest, axis=1)
-        numbers = np.append(np.where(is_precise, np.arange(len(is_precise)), -1), -1)
+        numbers = np.append(np.where(is_precise, np.arange(len(is_precise)), -1), -1).astype(np.int32)
         cell = cells.cell if is_precise.all() else numbers[cells.cell]
         return cls(cells, partials, np.concatenate(coefficients), cell)
 

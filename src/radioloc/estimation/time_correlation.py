@@ -69,7 +69,7 @@ from radioloc.estimation.series import (
 )
 from radioloc.measurements.predictor import ROWS_AT_ONCE
 from radioloc.noise.whitening import column
-from radioloc.vectors import Floats, Indices
+from radioloc.vectors import Floats
 
 _FREE_SIGMAS = 300.0  # a priori where noise is found jointly: as good as free, and no column is singular
 ABSORBED_SIGMAS = 30.0  # likewise of a series by itself: what the estimate, off by so much, takes is left out
@@ -101,9 +101,11 @@ def assess_time_correlation(
         return uncorrelated
     processes = [noise.get(item.key, NO_NOISE) for item in points.series]
     columns = np.column_stack([points.unit, points.gain])
-    half = half_products(processes, points.begin, points.step_s, points.gain, columns, points.width_s)
-    added = _added(points.unit, half[:, :q], processes, np.diff(points.begin))
-    sum_variances = 2.0 * np.add.reduceat(points.gain * half[:, q], points.begin[:-1])
+    excess = [process.excess for process in processes]
+    half = half_products(excess, points.begin, points.step_s, points.gain, columns, points.width_s)
+    added = gram(points.unit, half[:, :q])
+    added += added.T.copy()
+    sum_variances = 2.0 * np.add.reduceat(points.gain * half[:, q], points.begin[:-1]) + points.count
     correlations = [
         SeriesCorrelation(
             item.name,
@@ -119,13 +121,6 @@ def assess_time_correlation(
     ]
     noise = {item.key: noise[item.key] for item in points.series if item.key in noise}
     return TimeCorrelation(tuple(correlations), in_parameter_units(added, fit), noise)
-
-
-def _added(columns: Floats, half: Floats, processes: Sequence[SeriesNoise], lengths: Indices) -> Floats:
-    """Covariance A^T V A of columns by the noise of series, less what independent errors have, (q, q)."""
-    explained = np.repeat([process.explained_variance for process in processes], lengths)
-    half = gram(columns, half - 0.5 * explained[:, None] * columns)
-    return half + half.T
 
 
 def _without_considered(fit: FitResult, points: Points, partials: Floats) -> tuple[Points, Floats]:
@@ -239,35 +234,35 @@ def _with_covariances(
     free, root = fit.parameters.free, fit.factor.root_covariance()
     directions = directions_of_rows(root[~fit.parameters.considered[free]])
     prior = (root / fit.parameters.prior_sigmas[free, None]) @ directions
-    series, begin = noise.series, 0
-    # Hundreds of megabytes, which are not held twice.
-    whitened = np.empty((len(series.time_s), directions.shape[1]))
-    for part in fit.whitened_unit_partials(directions):
-        whitened[begin : (begin := begin + len(part))] = part
-    added = np.zeros((directions.shape[1],) * 2)
-    rows_of_group, variances = dict[str, list[Indices]](), dict[str, list[float]]()
-    names = {weight.name for weight in weights}
+    series, names = noise.series, {weight.name for weight in weights}
     processes = [correlation.noise.get(item.key, NO_NOISE) for item in series.series]
-    for item, process, rows in zip(series.series, processes, series.of_each, strict=True):
-        group = item.shared or item.group
-        rows_of_group.setdefault(group, []).append(rows)
+    groups = [item.shared or item.group for item in series.series]
+    variances = dict[str, list[float]]()
+    for item, process, group in zip(series.series, processes, groups, strict=True):
         if process.is_significant and (item.shared or item.name) in names:
             variances.setdefault(group, []).append(process.log_variance)
+    added, unit = np.zeros((directions.shape[1],) * 2), prior.T @ prior
+    information = {group: np.zeros_like(added) for group in variances}
+    # The columns of all observations would be hundreds of megabytes.
+    for part, numbers, whitened in series.sections(fit.whitened_unit_partials(directions)):
+        rows_of = {k: series.of_each[k] - part.start for k in numbers}
+        for k, rows in rows_of.items():
+            if groups[k] in variances:
+                of_series = whitened[rows]
+                information[groups[k]] += gram(of_series, of_series)
+        weighted = noise.filter.adjoint(whitened, part)
+        unit += gram(weighted, weighted)
+        # Small series together, large ones one by one, so that their columns need little memory.
+        lengths = np.array([len(rows) for rows in rows_of.values()])
+        cuts = np.flatnonzero(np.diff(np.cumsum(lengths) // ROWS_AT_ONCE)) + 1
+        for some in np.split(np.arange(len(numbers)), cuts):
+            rows = np.concatenate([rows_of[numbers[k]] for k in some])
+            step_s, begin = np.diff(series.time_s[part][rows], prepend=0.0), np.cumsum([0, *lengths[some]])
+            excess, columns = [processes[numbers[k]].excess for k in some], weighted[rows]
+            added += gram(columns, half_products(excess, begin, step_s, np.ones(len(rows)), columns))
+    added += added.T.copy()
     for group, variance in variances.items():
-        parts = (whitened[rows] for rows in rows_of_group[group])
-        information = sum((gram(part, part) for part in parts), np.zeros_like(added))
-        added += 2.0 * np.mean(variance) * (information - information @ information)
-    weighted = noise.filter.adjoint(whitened, in_place=True)
-    unit = prior.T @ prior + gram(weighted, weighted)
-    # Small series together, large ones one by one, so that their columns need little memory.
-    lengths = np.array([len(rows) for rows in series.of_each])
-    cuts = np.flatnonzero(np.diff(np.cumsum(lengths) // ROWS_AT_ONCE)) + 1
-    for some in np.split(np.arange(len(lengths)), cuts):
-        rows = np.concatenate([series.of_each[k] for k in some])
-        of_some, columns, ends = [processes[k] for k in some], weighted[rows], np.cumsum(lengths[some])
-        step_s = np.diff(series.time_s[rows], prepend=0.0)
-        half = half_products(of_some, np.append(0, ends), step_s, np.ones(len(rows)), columns)
-        added += _added(columns, half, of_some, lengths[some])
+        added += 2.0 * np.mean(variance) * (information[group] - information[group] @ information[group])
     unit = np.eye(len(directions)) + directions @ (unit - np.eye(len(unit))) @ directions.T
     fit = replace(fit, covariance=covariance_matrix(fit.factor, fit.parameters, unit))
     added_covariance = in_parameter_units(directions @ added @ directions.T, fit)

@@ -27,7 +27,7 @@ from radioloc.noise.covariance import ObservationCovariance, White
 from radioloc.noise.whitening import column
 from radioloc.parameters.parameter import ParameterSet
 from radioloc.quantities import accepts_quantities
-from radioloc.vectors import Floats, Indices, Mask
+from radioloc.vectors import Codes, Floats, Mask
 
 _MAX_ROUND_COUNT = 60  # the components of a biased station of strong weight settle slowly, within 30
 _MAX_SPLIT_COUNT = 10  # largest number of stations and links with a component of their own
@@ -94,7 +94,7 @@ class _Problem:
     initial_status: Labels
     threshold: float | None
     start: Floats | None
-    link_indices: Indices | None  # (n,)
+    link_indices: Codes | None  # (n,)
 
     def fit_with(self, added_m: Floats, previous: EditedFit | None) -> EditedFit:
         """Fit with components (n,), m, from a previous fit if that converged and its outliers were rejected."""

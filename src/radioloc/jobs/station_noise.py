@@ -102,7 +102,7 @@ def stated_noise(predictor: Predictor, choice: ObservationChoice) -> Observation
     """Covariance of an arc's observations: stated sigmas, additions of the study, shared errors."""
     terms: list[NoiseTerm] = []
     n = len(predictor.transmitters)
-    source = np.stack([predictor.transmitters, predictor.receivers], axis=-1).astype(np.intp)
+    source = np.stack([predictor.transmitters, predictor.receivers], axis=-1)
     for kind, key in ((VLBI_DELAY, "vlbi_station_sigma_m"), (VLBI_DELAY_RATE, "vlbi_station_rate_sigma_m")):
         rows = np.flatnonzero(predictor.observations.kind == kind)
         ends_m = _ends_m(predictor, key, getattr(choice, key), rows)
@@ -112,7 +112,7 @@ def stated_noise(predictor: Predictor, choice: ObservationChoice) -> Observation
         if kind == VLBI_DELAY_RATE:
             keys = np.stack([number, predictor.observations.count_s[rows]], axis=1)
             _, number = np.unique(keys, axis=0, return_inverse=True)
-        group, effect_m = np.full(n, ALONE), np.zeros((n, 2))
+        group, effect_m = np.full(n, ALONE, dtype=np.int32), np.zeros((n, 2))
         group[rows] = number.reshape(-1)
         effect_m[rows] = ends_m * [-1.0, 1.0]
         terms.append(SharedAtEpoch(group, source, effect_m))

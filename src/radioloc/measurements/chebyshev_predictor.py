@@ -13,7 +13,7 @@ import warnings
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -241,7 +241,7 @@ class ChebyshevPrediction:
         # Powers descending, shape (n_segments, n_quantities, n_coefficients).
         self._coefficients, _ = polynomials(degree, stacked(at_nodes), self._layout)
 
-    @cached_property
+    @property
     def value_m(self) -> Floats:
         """Values of all observations, m, shape (n,)."""
         out = np.empty((1, len(self._segment)))

@@ -28,7 +28,7 @@ from radioloc.noise.processes import NONE, KalmanFilter, Process, transitions
 from radioloc.noise.whitening import Banded, Blocks, Diagonal, Filtered, Rows, Structure, StructuredWhitener
 from radioloc.parameters.rows import networks
 from radioloc.units import set_fields
-from radioloc.vectors import Floats, Indices, Mask
+from radioloc.vectors import Codes, Floats, Indices, Mask
 
 ALONE = -1
 """Group or link of an observation that shares no error with others."""
@@ -73,8 +73,8 @@ class White:
 class SharedAtEpoch:
     """Errors that observations of an epoch share, such as errors of stations in delays."""
 
-    group: Indices  #: (n,), number of the epoch; ALONE for observations without shared errors
-    source: Indices  #: (n, k), such as indices of stations
+    group: Indices | Codes  #: (n,), number of the epoch; ALONE for observations without shared errors
+    source: Indices | Codes  #: (n, k), such as indices of stations
     effect_m: Floats  #: (n, k), signed effect of one standard deviation of each source
 
     def __post_init__(self) -> None:
@@ -314,7 +314,7 @@ class ObservationCovariance:
     def _filtered(self, used: Mask) -> Iterator[Structure]:
         """Yield a Kalman filter for each network of observations that share processes, and a diagonal."""
         processes, signs, first = [], [], [0]
-        time_s, groups = np.zeros(len(self)), []
+        time_s, groups = np.zeros(len(self)), list[Indices | Codes]()
         for term in self._structured:
             process, sign = term.states
             processes.append(np.where(process == NONE, NONE, process + first[-1]))

@@ -85,10 +85,14 @@ class KalmanFilter:
         matrices = (matrix[rows] for matrix in (self.process, self.sign, self.decay, self.gain, self.scale))
         return np.asarray(filter_innovations(*matrices, state, np.ascontiguousarray(columns)))
 
-    def adjoint(self, columns: Floats, *, in_place: bool = False) -> Floats:
-        """Transpose of :meth:`innovations` of all rows: both one after the other multiply by the inverse covariance."""
+    def adjoint(self, columns: Floats, rows: slice = slice(None)) -> Floats:
+        """Transpose of :meth:`innovations`: both one after the other multiply by the inverse covariance.
+
+        The columns of some rows, of which the processes of later ones are independent, are overwritten.
+        """
         from radioloc.noise._kernels import filter_adjoint
 
-        columns = np.ascontiguousarray(columns) if in_place else np.array(columns, order="C")
-        filter_adjoint(self.process, self.sign, self.decay, self.gain, self.scale, columns)
+        matrices = (matrix[rows] for matrix in (self.process, self.sign, self.decay, self.gain, self.scale))
+        columns = np.ascontiguousarray(columns)
+        filter_adjoint(*matrices, columns)
         return columns

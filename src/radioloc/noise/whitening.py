@@ -180,7 +180,7 @@ class Filtered:
 
     def transpose(self, part: slice, values: Floats) -> Floats:
         """Transpose of the filter."""
-        return self.filter.adjoint(values)
+        return self.filter.adjoint(values.copy())
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -184,6 +184,17 @@ def test_mean_correlation_in_a_bin():
     assert mean_correlation(0.0, np.array([3.0])).tolist() == [1.0]
 
 
+def test_sections_hold_all_combinations_of_their_series(monkeypatch):
+    """Two series one behind the other, then two of combinations in turn, from parts of seven rows."""
+    monkeypatch.setattr("radioloc.estimation.series.ROWS_AT_ONCE", 8)
+    number, columns = np.array([0] * 9 + [1] * 3 + [2, 3] * 6), np.random.default_rng(1).normal(size=(24, 2))
+    series = IndependentSeries(names("abcd"), StructuredWhitener(24, ()), number, np.arange(24.0))
+    sections = list(series.sections(np.split(columns, [7, 14, 21])))
+    assert [numbers for _, numbers, _ in sections] == [[0], [1, 2, 3]]
+    for part, _, values in sections:
+        np.testing.assert_array_equal(values, columns[part])
+
+
 @pytest.mark.parametrize("at_once", [4, 1000])
 def test_sums_of_bins_are_those_of_whitened_values(monkeypatch, at_once):
     """Twelve times two observations that are combined, in bins of some, so many at a time."""

@@ -18,7 +18,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -26,7 +26,6 @@ from radioloc.estimation.consider import NO_ERRORS, UnestimatedErrors
 from radioloc.estimation.gauss_markov import Points, SeriesNoise, noise_of_series
 from radioloc.estimation.least_squares import FitResult
 from radioloc.estimation.linearization import gram, matrix_product
-from radioloc.estimation.robust import MAX_DENSE_PARAMETERS
 from radioloc.estimation.series import SeriesOrder, independent_series, link_contributions, points_of
 from radioloc.estimation.time_correlation import ABSORBED_SIGMAS, mixed_units
 from radioloc.noise.whitening import Rows, column
@@ -72,43 +71,19 @@ class BinnedProblem:
     roots: tuple[Floats, ...]  # L of each series of points, V^-1 = L^T L
     white: tuple[float, ...] = ()  # white variance of each series
 
-    @property
-    def _rows(self) -> Any:
-        """Residuals and partials (n + k, 1 + c), sparse of many parameters."""
-        from scipy.sparse import block_array
-
-        parts = [[self.points.residual[:, None], self.points.unit], [self.prior[:, :1], self.prior[:, 1:]]]
-        if self.prior.shape[1] <= MAX_DENSE_PARAMETERS:
-            return np.block(parts)
-        return block_array(parts, format="csr")
-
     @cached_property
-    def _rows_and_weighted(self) -> tuple[Floats, Any, Any]:
-        """Whitened residuals (n + k,) and partials (n + k, c); both times V^-1, (n + k, 1 + c)."""
-        from scipy.sparse import block_diag, eye_array
-
-        whitened = self._rows
-        if not isinstance(whitened, np.ndarray):
-            identity = eye_array(whitened.shape[0] - sum(map(len, self.roots)))
-            root = block_diag([*self.roots, identity], format="csr")
-            whitened = root @ whitened
-            return whitened[:, [0]].toarray()[:, 0], whitened[:, 1:], root.T @ whitened
-        weighted = whitened.copy()
+    def _rows(self) -> Floats:
+        """Whitened residuals and partials, (n + k, 1 + c)."""
+        rows = np.vstack([np.column_stack([self.points.residual, self.points.unit]), self.prior])
         for k, root in enumerate(self.roots):
             part = self.points.series_slice(k)
-            whitened[part] = root @ whitened[part]
-            weighted[part] = root.T @ whitened[part]
-        return whitened[:, 0], whitened[:, 1:], weighted
+            rows[part] = root @ rows[part]
+        return rows
 
     @property
-    def whitened(self) -> Any:
+    def whitened(self) -> Floats:
         """Whitened partials, (n + k, c)."""
-        return self._rows_and_weighted[1]
-
-    @property
-    def weighted(self) -> Any:
-        """Residuals and partials times V^-1, (n + k, 1 + c)."""
-        return self._rows_and_weighted[2]
+        return self._rows[:, 1:]
 
     @property
     def estimated_count(self) -> int:
@@ -118,20 +93,17 @@ class BinnedProblem:
     @cached_property
     def inverse(self) -> Floats:
         """Inverse of the normal matrix, (c, c)."""
-        return _scaled_inverse(_normal(self.whitened))
+        return _scaled_inverse(gram(self.whitened, self.whitened))
 
     @cached_property
     def estimate(self) -> Floats:
         """Change of the parameters, (c,)."""
-        side = self.whitened.T @ self._rows_and_weighted[0]
-        if isinstance(self.whitened, np.ndarray):
-            return np.asarray(self.inverse @ side)
-        return _solution(self.whitened, side)
+        return np.asarray(self.inverse @ (self.whitened.T @ self._rows[:, 0]))
 
     @cached_property
     def residual(self) -> Floats:
         """Whitened residuals after the estimate, (n + k,)."""
-        return np.asarray(self._rows_and_weighted[0] - self.whitened @ self.estimate)
+        return np.asarray(self._rows[:, 0] - self.whitened @ self.estimate)
 
     @classmethod
     def from_fit(
@@ -176,7 +148,9 @@ class BinnedProblem:
         """Return the problem with the noise of each series, white by default."""
         # The variance is larger if the whitened residuals of the series are still correlated.
         points, roots, white = self.points, list[Floats](), list[float]()
-        leverage = np.einsum("nc,cn->n", points.unit, _solution(self._rows[:, 1:], points.unit.T))
+        prior = self.prior[:, 1:]
+        inverse = _scaled_inverse(gram(points.unit, points.unit) + gram(prior, prior))
+        leverage = np.einsum("nc,nc->n", points.unit, matrix_product(points.unit, inverse))
         absorbed = np.add.reduceat(leverage, points.begin[:-1]).tolist()
         for k, series in enumerate(points.series):
             part = points.series_slice(k)
@@ -207,7 +181,7 @@ class BinnedProblem:
 
         count, width = values.shape
         parts = values.T.ravel(), np.tile(rows, width), count * np.arange(width + 1)
-        columns = csc_array(parts, (self.whitened.shape[0], width))
+        columns = csc_array(parts, (len(self.points.time_s) + len(self.prior), width))
         columns.sum_duplicates()
         columns.eliminate_zeros()
         return columns
@@ -284,7 +258,7 @@ class BinnedProblem:
         for part, root in self._series_with(z):
             nonzero = np.flatnonzero(z[part].any(axis=0))
             z[part, nonzero] = root @ z[part, nonzero]
-        sparse_products = csr_array(columns.T @ self.weighted)  # few parameters act on most columns
+        sparse_products = csr_array(csr_array(z.T) @ self._rows)  # few parameters act on most columns
         products = sparse_products.toarray()
         with_partials = products[:, 1:]
         score = products[:, 0] - with_partials @ self.estimate
@@ -305,13 +279,11 @@ class BinnedProblem:
         """Chi-square of a step of some links at each of w epochs, (w,)."""
         # A step is a sum over all later points: cumulative sums from the end serve all epochs.
         constant = self.columns(links).toarray()[:, 0]
-        squares, products = np.zeros(len(edges_s)), np.zeros((len(edges_s), self.weighted.shape[1]))
+        squares, products = np.zeros(len(edges_s)), np.zeros((len(edges_s), self._rows.shape[1]))
         for part, root in self._series_with(constant[:, None]):
             index = np.searchsorted(self.points.time_s[part], edges_s)
             squares += np.square(_sums_from(root.T * constant[part, None])).sum(axis=1)[index]
-            weighted = self.weighted[part]
-            weighted = weighted if isinstance(weighted, np.ndarray) else weighted.toarray()
-            products += _sums_from(weighted * constant[part, None])[index]
+            products += _sums_from(root.T @ self._rows[part] * constant[part, None])[index]
         with_partials = products[:, 1:]
         score = products[:, 0] - with_partials @ self.estimate
         acting = np.flatnonzero(with_partials.any(axis=0))
@@ -428,10 +400,10 @@ def estimate_change(fitted: BinnedProblem, changed: BinnedProblem) -> tuple[Floa
     has the weights of the fit.
     """
     count = fitted.estimated_count
-    effects = fitted.inverse[:count] @ fitted.weighted[:, 1:].T
-    for k, root in enumerate(changed.roots):
+    effects = fitted.inverse[:count] @ fitted.whitened.T
+    for k, (root_of_fit, root) in enumerate(zip(fitted.roots, changed.roots, strict=True)):
         part = changed.points.series_slice(k)
-        effects[:, part] = np.linalg.solve(root.T, effects[:, part].T).T
+        effects[:, part] = np.linalg.solve(root.T, root_of_fit.T @ effects[:, part].T).T
     root_of_change = changed.inverse[:count] @ changed.whitened.T - effects
     return changed.estimate[:count], root_of_change
 
@@ -455,20 +427,6 @@ def _scaled_inverse(normal: Floats) -> Floats:
     inverse *= scale[:, None]
     inverse *= scale
     return np.asarray(inverse)
-
-
-def _normal(rows: Any) -> Floats:
-    """Return the normal matrix (c, c) of rows (n, c), dense or sparse."""
-    return gram(rows, rows) if isinstance(rows, np.ndarray) else (rows.T @ rows).toarray()
-
-
-def _solution(rows: Any, side: Floats) -> Floats:
-    """Solve the normal equations of rows (n, c), sparse if there are many parameters."""
-    from scipy.sparse.linalg import splu
-
-    if isinstance(rows, np.ndarray):
-        return np.asarray(_scaled_inverse(gram(rows, rows)) @ side)
-    return np.asarray(splu((rows.T @ rows).tocsc()).solve(side))
 
 
 def noise_of_each(points: Points) -> dict[str, SeriesNoise]:

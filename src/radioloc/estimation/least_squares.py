@@ -171,12 +171,8 @@ class FitResult:
 
     def leverage(self, rows: Rows) -> Floats:
         """Return the leverages of some observations (m,) by their stated sigmas, shape (m,)."""
-        polynomials, unit_partials = smooth_partials(self.linearization), self.unit_partials()
-        parts = (rows[part] for part in slices(len(rows)))
-        if polynomials is None:
-            squares = [np.square(unit_partials(part)).sum(axis=1) for part in parts]
-        else:
-            squares = list(map(polynomials.squares(self._root_covariance()), parts))
+        unit_partials = self.unit_partials()
+        squares = [np.square(unit_partials(rows[part])).sum(axis=1) for part in slices(len(rows))]
         return np.concatenate([np.zeros(0), *squares]) / self.sigma_m[rows] ** 2
 
     def whitened_unit_partials(self, directions: Floats | None = None) -> Iterator[Floats]:

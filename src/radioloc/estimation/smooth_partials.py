@@ -101,21 +101,6 @@ class SmoothPartials:
 
         return rows_of
 
-    def squares(self, root: Floats) -> RowsOf:
-        """Return the function from rows (m,) to sums of the squares of partials times a root (p, w), shape (m,)."""
-        products = self.coefficients @ root
-        matrices = products @ np.swapaxes(products, 1, 2)
-
-        def rows_of(rows: Rows) -> Floats:
-            cell, basis = self.cell[rows], self.cells.basis(rows)
-            out = np.einsum("nd,nd->n", np.einsum("nd,nde->ne", basis, matrices[cell]), basis)
-            single_rows = np.flatnonzero(cell < 0)
-            if len(single_rows):
-                out[single_rows] = np.square(self.partials(rows[single_rows]) @ root).sum(axis=1)
-            return np.asarray(out)
-
-        return rows_of
-
     def condensed(
         self, structures: Sequence[Structure], noise: KalmanFilter | None, residual_m: Floats, free: Rows
     ) -> Iterator[Floats]:

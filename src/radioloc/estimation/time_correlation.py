@@ -145,10 +145,10 @@ def mixed_units(fit: FitResult) -> tuple[Floats, int]:
     if not considered.any():
         return root, root.shape[1]
     prior_sigmas = fit.parameters.prior_sigmas[fit.parameters.free][considered]
-    of_estimated = root_of_rows(root[~considered])
-    width = of_estimated.shape[1]
+    estimated_root = root_of_rows(root[~considered])
+    width = estimated_root.shape[1]
     units = np.zeros((len(root), width + len(prior_sigmas)))
-    units[~considered, :width] = of_estimated
+    units[~considered, :width] = estimated_root
     units[considered, width:] = np.diag(prior_sigmas)
     return units, width
 
@@ -255,10 +255,10 @@ def _with_covariances(
         # Small series together, large ones one by one, so that their columns need little memory.
         lengths = np.array([len(rows) for rows in rows_of.values()])
         cuts = np.flatnonzero(np.diff(np.cumsum(lengths) // ROWS_AT_ONCE)) + 1
-        for some in np.split(np.arange(len(numbers)), cuts):
-            rows = np.concatenate([rows_of[numbers[k]] for k in some])
-            step_s, begin = np.diff(series.time_s[part][rows], prepend=0.0), np.cumsum([0, *lengths[some]])
-            excess, columns = [processes[numbers[k]].excess for k in some], weighted[rows]
+        for indices in np.split(np.arange(len(numbers)), cuts):
+            rows = np.concatenate([rows_of[numbers[k]] for k in indices])
+            step_s, begin = np.diff(series.time_s[part][rows], prepend=0.0), np.cumsum([0, *lengths[indices]])
+            excess, columns = [processes[numbers[k]].excess for k in indices], weighted[rows]
             added += gram(columns, half_products(excess, begin, step_s, np.ones(len(rows)), columns))
     added += added.T.copy()
     for group, variance in variances.items():

@@ -151,8 +151,6 @@ def test_polynomials_give_the_factor_of_all_rows(shared, correlated):
         np.testing.assert_allclose(result.step(0.0), dense.step(0.0), rtol=1e-8, atol=1e-10)
     rows = np.arange(0, n, 7)
     np.testing.assert_allclose(tracking.smooth.combined(np.eye(5))(rows), tracking.design[rows], atol=1e-9)
-    squares = np.square(tracking.design[rows]).sum(axis=1)
-    np.testing.assert_allclose(tracking.smooth.squares(np.eye(5))(rows), squares, rtol=1e-8)
 
 
 def test_white_residuals_change_nothing():

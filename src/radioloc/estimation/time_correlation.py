@@ -248,8 +248,8 @@ def _with_covariances(
         rows_of = {k: series.of_each[k] - part.start for k in numbers}
         for k, rows in rows_of.items():
             if groups[k] in variances:
-                of_series = whitened[rows]
-                information[groups[k]] += gram(of_series, of_series)
+                columns = whitened[rows]
+                information[groups[k]] += gram(columns, columns)
         weighted = noise.filter.adjoint(whitened, part)
         unit += gram(weighted, weighted)
         # Small series together, large ones one by one, so that their columns need little memory.

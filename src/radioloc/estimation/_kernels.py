@@ -15,23 +15,42 @@ _LOGARITHM_STEP = 16  # innovation variances, below 1e15, that are multiplied be
 
 
 @compiled(error_model="numpy")
-def filter_grid(
-    step_s: Floats, tau_s: Floats, stationary: Floats, gain: Floats, columns: Floats
-) -> tuple[Floats, Floats]:
-    """Log-determinants (s, cells), and products (s, cells, m, m), as :func:`gauss_markov.filtered`."""
-    (series, n, m), (p, _, cells), shapes = columns.shape, stationary.shape, len(tau_s)
-    ratios = (cells - 1) // shapes
-    log_determinant, products = np.zeros((series, cells)), np.empty((series, cells, m, m))
+def likelihood_grid(
+    step_s: Floats,
+    tau_s: Floats,
+    mean: Floats,
+    ratio: Floats,
+    gain: Floats,
+    columns: Floats,
+    turned: Floats,
+    of_series: Floats,
+) -> tuple[Floats, Floats, Floats, Floats]:
+    """Terms of restricted likelihoods, as :meth:`gauss_markov.RestrictedLikelihood.evaluate` has them.
+
+    `of_series` (3, s) has degrees of freedom, observations less points, and squares of deviations from bins.
+    """
+    (series, n, m), (_, shapes, p), ratios, common = columns.shape, mean.shape, len(ratio), turned.shape[2]
+    cells = shapes * ratios + 1
+    log_determinant, eliminated, white = np.zeros((series, cells)), np.zeros((series, cells)), np.ones(cells)
+    together, variances, turned_row = (
+        np.zeros((common, common, cells)),
+        np.empty((series, cells)),
+        np.empty(cells),
+    )
     kalman, variance, innovation = np.empty((p, cells)), np.empty(cells), np.empty((m, cells))
     for k in range(series):
-        determinant, factor = np.ones(cells), np.zeros((p, cells))
+        determinant, factor, stationary = np.ones(cells), np.zeros((p, cells)), np.zeros((p, cells))
         covariance, state, sums = np.zeros((p, p, cells)), np.zeros((m, p, cells)), np.zeros((m, m, cells))
+        for g in range(cells - 1):
+            white[g] = 1.0 + (1.0 - mean[k, g // ratios].sum()) * ratio[g % ratios]
+            for a in range(p):
+                stationary[a, g] = mean[k, g // ratios, a] * ratio[g % ratios]
         for i in range(n):
             if i > 0 and (i == 1 or step_s[k, i] != step_s[k, i - 1]):
                 for a in range(p):
                     for g in range(shapes):
                         factor[a, g * ratios : (g + 1) * ratios] = math.exp(-step_s[k, i] / tau_s[g, a])
-            _update(factor, stationary[:, k], gain[k, i], covariance, kalman, variance)
+            _update(factor, stationary, gain[k, i], covariance, kalman, variance)
             for g in range(cells):
                 determinant[g] *= variance[g]
             if i % _LOGARITHM_STEP == _LOGARITHM_STEP - 1 or i == n - 1:
@@ -41,10 +60,52 @@ def filter_grid(
             _innovate(factor, gain[k, i], kalman, columns[k, i], state, innovation)
             _add_products(innovation, variance, sums)
         for g in range(cells):
+            log_determinant[k, g] += of_series[1, k] * math.log(white[g])
+            sums[m - 1, m - 1, g] += of_series[2, k] / white[g]
+        root = sums.copy()
+        _eliminate(root, eliminated[k], variances[k])
+        for g in range(cells):
+            variances[k, g] /= of_series[0, k]
+        for a in range(common):
             for j in range(m):
-                for c in range(j, m):
-                    products[k, g, j, c] = products[k, g, c, j] = sums[j, c, g]
-    return log_determinant, products
+                turned_row[:] = 0.0
+                for i in range(m):
+                    product, weight = sums[min(i, j), max(i, j)], turned[k, i, a]
+                    for g in range(cells):
+                        turned_row[g] += weight * product[g]
+                for g in range(cells):
+                    turned_row[g] /= variances[k, g]
+                for b in range(a, common):
+                    product, weight = together[a, b], turned[k, j, b]
+                    for g in range(cells):
+                        product[g] += weight * turned_row[g]
+    loss, squares = np.zeros(cells), np.zeros(cells)
+    if common:
+        _eliminate(together, loss, squares)
+    return log_determinant, eliminated, variances, loss + squares
+
+
+@compiled(error_model="numpy")
+def _eliminate(root: Floats, log_determinant: Floats, squares: Floats) -> None:
+    """Log-determinants and squares left of products (m, m, cells), as :func:`gauss_markov._eliminated`; in place."""
+    m, _, cells = root.shape
+    for j in range(m):
+        pivot = root[j, j]
+        for g in range(cells):
+            squares[g] = pivot[g]
+            pivot[g] += 1.0 if j < m - 1 else pivot[g]
+        for k in range(j, m):
+            element = root[j, k]
+            for i in range(j):
+                first, second = root[i, j], root[i, k]
+                for g in range(cells):
+                    element[g] -= first[g] * second[g]
+            for g in range(cells):
+                element[g] /= math.sqrt(pivot[g]) if k == j else pivot[g]
+        for g in range(cells):
+            squares[g] = pivot[g] * pivot[g] - squares[g]
+            if j < m - 1:
+                log_determinant[g] += 2.0 * math.log(pivot[g])
 
 
 @compiled(error_model="numpy")

@@ -36,9 +36,15 @@ from numpy.typing import ArrayLike
 from radioloc.errors import InputError
 from radioloc.estimation.gauss_markov import SeriesWeight
 from radioloc.estimation.least_squares import FitResult, fit_least_squares
-from radioloc.estimation.linearization import Linearization, ResidualFunction, evaluate, process_noise
+from radioloc.estimation.linearization import (
+    Linearization,
+    OrthonormalLinearization,
+    ResidualFunction,
+    evaluate,
+    process_noise,
+)
 from radioloc.estimation.robust import robust_start
-from radioloc.estimation.series import SeriesOrder
+from radioloc.estimation.series import SeriesOrder, independent_series
 from radioloc.estimation.statistics import robust_scale
 from radioloc.estimation.status import FitStatus
 from radioloc.labels import USED, Labels, changed
@@ -46,7 +52,7 @@ from radioloc.noise.covariance import ObservationCovariance
 from radioloc.noise.whitening import Rows
 from radioloc.parameters.parameter import ParameterSet
 from radioloc.quantities import accepts_quantities
-from radioloc.vectors import Codes, Floats, Mask
+from radioloc.vectors import Floats, Mask
 
 THRESHOLD = 5.0  # sigmas; one normal residual in 1.7 million is larger
 _MIN_THRESHOLD = 2.0  # sigmas; a smaller one rejects more than 4.5 % of the good observations
@@ -121,13 +127,13 @@ def fit_with_editing(
     threshold: float | None = THRESHOLD,
     previous: EditedFit | None = None,
     start: Floats | None = None,
-    link_indices: Codes | None = None,
+    order: SeriesOrder | None = None,
 ) -> EditedFit:
     """Estimate parameters and reject outliers until the set of used observations stays the same.
 
     `status` (n,) gives the reasons why observations are not usable. `threshold` is in sigmas; None rejects nothing.
-    `previous` is a fit whose residuals replace those of the robust estimate. `link_indices` (n,) are the links of the
-    observations; without them, no link is taken as wrong as a whole.
+    `previous` is a fit whose residuals replace those of the robust estimate. Without the `order` of the
+    observations, no link is taken as wrong as a whole.
     """
     if threshold is not None and not threshold >= _MIN_THRESHOLD:
         raise InputError(f"threshold: expected {_MIN_THRESHOLD:g} sigmas or more, got {threshold}")
@@ -139,7 +145,7 @@ def fit_with_editing(
     n = len(linearization.residual_m)
     noise = ObservationCovariance.from_sigma(sigma_m, n)
     initial_status = _initial_labels(status, n)
-    editor = _Editor(residual_function, parameters, noise, initial_status.are(USED), link_indices)
+    editor = _Editor(residual_function, parameters, noise, initial_status.are(USED), order)
     if threshold is None or editor.max_rejected < 1:
         result = editor.fit(editor.usable, x, linearization)
         return EditedFit(result, initial_status, editor.scale(result.residual_m))
@@ -237,7 +243,7 @@ class _Editor:
     parameters: ParameterSet
     noise: ObservationCovariance
     usable: Mask  # (n,), mask of the observations that may be used
-    link_indices: Codes | None  # (n,)
+    order: SeriesOrder | None
 
     @property
     def unconstrained_count(self) -> int:
@@ -255,9 +261,9 @@ class _Editor:
 
     def are_too_many(self, outliers: Mask) -> bool:
         """Return whether outliers (n,) are too many to be rejected; links that are wrong as a whole do not count."""
-        if outliers.sum() <= self.max_rejected or self.link_indices is None:
+        if outliers.sum() <= self.max_rejected or self.order is None:
             return bool(outliers.sum() > self.max_rejected)
-        outlier_count, count = (np.bincount(self.link_indices, mask) for mask in (outliers, self.usable))
+        outlier_count, count = (np.bincount(self.order.code, mask) for mask in (outliers, self.usable))
         is_plausible = count - outlier_count > _MIN_USED_FRACTION * count
         plausible_count = int(count[is_plausible].sum())
         is_majority = 2 * plausible_count > count.sum()
@@ -265,6 +271,10 @@ class _Editor:
 
     def fit(self, used: Mask, x: Floats, linearization: Linearization) -> FitResult:
         """Estimate the parameters from the used observations."""
+        # Noise models of a trial use its whitened partials again.
+        whitening = None
+        if self.order is not None and isinstance(linearization, OrthonormalLinearization):
+            whitening = independent_series(self.order, self.noise, used)
         return fit_least_squares(
             self.residual_function,
             self.parameters,
@@ -272,6 +282,7 @@ class _Editor:
             used=used,
             start=x,
             linearization=linearization,
+            whitening=whitening,
         )
 
     def scale(self, residual_m: Floats) -> float:

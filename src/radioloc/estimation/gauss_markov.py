@@ -318,30 +318,47 @@ class RestrictedLikelihood:
         if part is None:
             tau_s = tau_s[:, None]
             part = np.ones(tau_s.shape)
-        elements = self.columns[0].size * (len(tau_s) * len(ratio) + 1)
-        at_once = max(1, _MAX_STACK_ELEMENTS // elements)
-        if at_once >= len(self.indices):
-            log_determinant, products = self._products(tau_s, part, ratio)
-        else:
-            stacks = (self.select(slice(k, k + at_once)) for k in range(0, len(self.indices), at_once))
-            products_of_stacks = [stack._products(tau_s, part, ratio) for stack in stacks]
-            log_determinant, products = map(np.concatenate, zip(*products_of_stacks, strict=True))
         count, absorbed = self.points.count[self.indices][:, None], self.absorbed[:, None]
         dof = count - absorbed
-        series_log_determinant, squares = _eliminated(products)
-        white = squares / dof
+        if self.points.compiled:
+            from radioloc.estimation._kernels import likelihood_grid
+
+            mean = part * mean_correlation(self.points.width_s[self.indices][:, None, None], tau_s)
+            turned = self.turned if self.jointly else self.turned[..., :0]
+            log_determinant, series_log_determinant, white, loss = likelihood_grid(
+                *(self.step_s, tau_s, mean, ratio, self.gain, self.columns, np.ascontiguousarray(turned)),
+                np.stack([dof[:, 0], self.binned, self.bin_squares]),
+            )
+        else:
+            log_determinant, series_log_determinant, white, loss = self._terms(tau_s, part, ratio, dof)
         log_white = np.log(white)
         log = -0.5 * (dof * log_white + log_determinant + series_log_determinant)
         log = log[:, :-1] - log[:, -1:]
         log_variance = (log_white - series_log_determinant / np.maximum(absorbed, 1.0))[:, :-1]
         if not self.jointly:
             return log, white[:, :-1], log.sum(axis=0), log_variance
-        in_common = np.zeros(1)
+        joint = -0.5 * ((count * log_white + log_determinant).sum(axis=0) + loss)
+        return log, white[:, :-1], joint[:-1] - joint[-1], log_variance
+
+    def _terms(self, tau_s: Floats, part: Floats, ratio: Floats, dof: Floats) -> tuple[Floats, ...]:
+        """Log-determinants of V over w and of columns, variances w, (s, cells + 1); terms of all columns, (cells + 1,).
+
+        Compiled they take a tenth of the time, but the compiler takes that of a small study to load and three times as
+        long the first time.
+        """
+        elements = self.columns[0].size * (len(tau_s) * len(ratio) + 1)
+        at_once = max(1, _MAX_STACK_ELEMENTS // elements)
+        stacks = (self.select(slice(k, k + at_once)) for k in range(0, len(self.indices), at_once))
+        products_of_stacks = [stack._products(tau_s, part, ratio) for stack in stacks]
+        log_determinant, products = map(np.concatenate, zip(*products_of_stacks, strict=True))
+        series_log_determinant, squares = _eliminated(products)
+        white, in_common = squares / dof, np.zeros(1)
+        if not self.jointly:
+            return log_determinant, series_log_determinant, white, in_common
         for turned, series_products, variance in zip(self.turned, products, white, strict=True):
             in_common = in_common + turned.T @ (series_products / variance[:, None, None]) @ turned
         shared, squares = _eliminated(in_common)
-        joint = -0.5 * ((count * log_white + log_determinant).sum(axis=0) + shared + squares)
-        return log, white[:, :-1], joint[:-1] - joint[-1], log_variance
+        return log_determinant, series_log_determinant, white, shared + squares
 
     def _products(self, tau_s: Floats, part: Floats, ratio: Floats) -> tuple[Floats, Floats]:
         """Log-determinants of V over w (s, cells + 1), and products of columns by its inverse, (s, cells + 1, m, m)."""
@@ -352,29 +369,21 @@ class RestrictedLikelihood:
         white_variance[:, :-1] += ((1.0 - mean.sum(axis=2))[..., None] * ratio).reshape(len(width_s), -1)
         variance = np.zeros((part.shape[1], *white_variance.shape))
         variance[..., :-1] = (np.moveaxis(mean, 2, 0)[..., None] * ratio).reshape(*variance.shape[:2], -1)
-        log_determinant, products = filtered(
-            self.step_s, tau_s, variance, self.gain, self.columns, compiled=self.points.compiled
-        )
+        log_determinant, products = filtered(self.step_s, tau_s, variance, self.gain, self.columns)
         log_determinant += self.binned[:, None] * np.log(white_variance)
         products[..., -1, -1] += self.bin_squares[:, None] / white_variance
         return log_determinant, products
 
 
 def filtered(
-    step_s: Floats, tau_s: Floats, stationary: Floats, gain: Floats, columns: Floats, *, compiled: bool
+    step_s: Floats, tau_s: Floats, stationary: Floats, gain: Floats, columns: Floats
 ) -> tuple[Floats, Floats]:
     """Log-determinants of covariances (s, cells), and products of columns by their inverses, (s, cells, m, m).
 
     Kalman filter of s series (s, n) for many noise models at once: cells, the last axis. Observations are
     gain_i s_i + e_i, with e_i white of unit variance and s a sum of p first-order Gauss-Markov processes with the
-    correlation times (shapes, p), each shape for equally many cells, and variances (p, s, cells). Compiled it takes a
-    tenth of the time, but the compiler takes that of a small study to load and three times as long the first time.
+    correlation times (shapes, p), each shape for equally many cells, and variances (p, s, cells).
     """
-    if compiled:
-        from radioloc.estimation._kernels import filter_grid
-
-        log_determinant, products = filter_grid(step_s, tau_s, stationary, gain, columns)
-        return np.asarray(log_determinant), np.asarray(products)
     (s, n, m), (p, _, cells), shapes = columns.shape, stationary.shape, len(tau_s)
     decay = np.zeros((n, p, s, cells))  # in the last cell, white noise, and before the first point
     factors = np.exp(-step_s.T[1:, None, :, None] / tau_s.T[:, None])

@@ -22,7 +22,8 @@ from radioloc.dynamics.stochastic import StochasticAccelerations
 from radioloc.errors import InputError, RadiolocError
 from radioloc.estimation.smooth_partials import SmoothPartials
 from radioloc.measurements.predictor import ROWS_AT_ONCE
-from radioloc.noise.whitening import LinkedWhitener, Rows, StructuredWhitener, Whitener
+from radioloc.noise.processes import KalmanFilter
+from radioloc.noise.whitening import LinkedWhitener, Rows, StructuredWhitener, Whitener, column
 from radioloc.parameters.parameter import ParameterSet
 from radioloc.vectors import Floats, Indices, Mask
 
@@ -140,6 +141,7 @@ class WhitenedPartials:
 
     parts: tuple[Floats, ...]  # (m, q)
     from_free: Floats  # (q, q)
+    grams: tuple[Floats, ...] = ()  # (q, q), products of the parts with themselves, where they are used again
 
     def combined(self, root: Floats) -> Iterator[Floats]:
         """Yield partials of combinations of the free parameters, the columns of `root` (q, r), part by part, (m, r)."""
@@ -334,6 +336,7 @@ class OrthonormalLinearization:
 
     problem: LinearProblem
     residual_m: Floats
+    whitened: WhitenedPartials | None = None  # by the stated noise, which a filter whitens further
 
     def partials(self, rows: Rows) -> Floats:
         """d(computed)/d(parameter) of some observations, shape (m, p)."""
@@ -349,15 +352,44 @@ class OrthonormalLinearization:
             normal = gram(weighted, basis)
             side = gram(weighted, np.where(weight > 0.0, self.residual_m, 0.0)[:, None])[:, 0]
         else:
-            columns = np.column_stack([basis, self.residual_m])
-            parts = list(whitening.whitened(lambda rows: columns[rows]))
-            sums = sum((gram(part, part) for part in parts), np.zeros((columns.shape[1],) * 2))
+            linked = whitening if isinstance(whitening, LinkedWhitener) else None
+            if self.whitened is not None and linked is not None and linked.filter is not None:
+                parts, grams = self._filtered(linked, linked.filter, self.whitened)
+            else:
+                residual_m = self.residual_m[:, None]
+                parts = list(whitening.whitened(lambda rows: np.hstack([basis[rows], residual_m[rows]])))
+                grams = [gram(part, part) for part in parts]
+            sums = sum(grams, np.zeros((len(from_free) + 1,) * 2))
             normal, side = sums[:-1, :-1], sums[:-1, -1]
-            whitened_partials = WhitenedPartials(tuple(part[:, :-1] for part in parts), from_free)
+            whitened_partials = WhitenedPartials(
+                tuple(part[:, :-1] for part in parts), from_free, tuple(item[:-1, :-1] for item in grams)
+            )
         values, axes = np.linalg.eigh(normal)
         root = np.sqrt(np.maximum(values, 0.0))
         right_side = np.divide(axes.T @ side, root, out=np.zeros(len(root)), where=values > _MIN_INFORMATION)
         return np.column_stack([root[:, None] * axes.T @ from_free, right_side]), whitened_partials
+
+    def _filtered(
+        self, whitening: LinkedWhitener, kalman: KalmanFilter, stated: WhitenedPartials
+    ) -> tuple[list[Floats], list[Floats]]:
+        """Parts of partials and residuals that a filter whitens further, and products of the parts with themselves."""
+        residuals = StructuredWhitener(len(self.residual_m), whitening.structures)
+        state = np.zeros((kalman.gain.shape[1], len(stated.from_free) + 1))
+        parts, grams, begin = list[Floats](), list[Floats](), 0
+        for part, part_gram, residual in zip(
+            stated.parts, stated.grams, residuals.whitened(column(self.residual_m)), strict=True
+        ):
+            rows, values = slice(begin, begin := begin + len(part)), np.hstack([part, residual])
+            scale = kalman.scale[rows]
+            if kalman.gain[rows].any() or np.ptp(scale) > 0.0:
+                values = kalman.innovations(values, rows, state)
+                grams.append(gram(values, values))
+            else:  # all errors are independent, with sigmas that are larger by one factor
+                values *= scale[0]
+                side = gram(values, values[:, -1:])
+                grams.append(np.block([[scale[0] ** 2 * part_gram, side[:-1]], [side.T]]))
+            parts.append(values)
+        return parts, grams
 
 
 def gram(a: Floats, b: Floats) -> Floats:

@@ -83,11 +83,10 @@ class SeriesOrder:
 
 
 @dataclass(frozen=True, eq=False)
-class IndependentSeries:
-    """Used observations as independent combinations of unit variance, N, which belong to s series in order of time."""
+class IndependentSeries(StructuredWhitener):
+    """Whitener to independent combinations, N, which belong to s series in order of time."""
 
     series: tuple[Series, ...]
-    whitener: StructuredWhitener  # of the stated noise
     number: Indices  # (N,), series of each combination, in the order of the whitener
     time_s: Floats  # (N,)
 
@@ -168,12 +167,12 @@ class CorrelatedWhitener:
     @property
     def structures(self) -> tuple[Structure, ...]:
         """Structures of the stated noise."""
-        return self.series.whitener.structures
+        return self.series.structures
 
     def whitened(self, rows_of: RowsOf) -> Iterator[Floats]:
         """Independent combinations of unit variance, part by part."""
         start, state = 0, None
-        for values in self.series.whitener.whitened(rows_of):
+        for values in self.series.whitened(rows_of):
             state = np.zeros((1, values.shape[1])) if state is None else state
             yield self.filter.innovations(values, slice(start, start := start + len(values)), state)
 
@@ -181,9 +180,7 @@ class CorrelatedWhitener:
         """Rows and the product of such parts with the transpose of :meth:`whitened`."""
         whitened = list(parts)
         ends = np.cumsum([len(part) for part in whitened])
-        return self.series.whitener.transposed(
-            np.split(self.filter.adjoint(np.concatenate(whitened)), ends[:-1])
-        )
+        return self.series.transposed(np.split(self.filter.adjoint(np.concatenate(whitened)), ends[:-1]))
 
 
 def add_rows(sums: Floats, place: Indices | Codes, values: Floats) -> None:
@@ -197,7 +194,7 @@ def add_rows(sums: Floats, place: Indices | Codes, values: Floats) -> None:
 def points_of(series: IndependentSeries, rows_of: RowsOf) -> Points:
     """Points of each series, averaged beyond :data:`MAX_POINTS`: residuals in column 0, then partials."""
     place, begin, width_s = series.bins
-    columns, squares = series.binned(series.whitener.whitened(rows_of))
+    columns, squares = series.binned(series.whitened(rows_of))
     in_bin = np.bincount(place)
     time_s = np.bincount(place, series.time_s) / in_bin
     step_s = np.diff(time_s, prepend=time_s[0])
@@ -273,7 +270,7 @@ def binned_partials(series: IndependentSeries, rows_of: RowsOf) -> Floats:
 def _binned_parts(series: IndependentSeries) -> Iterator[tuple[Structure, slice, Indices, Codes]]:
     """Yield the parts of each structure: rows (m, k) and the bins of their combinations (m, k)."""
     start = 0
-    for structure in series.whitener.structures:
+    for structure in series.structures:
         for part in structure.parts():
             rows = structure.rows[part].reshape(-1, structure.rows.size // len(structure.rows))
             bin_of = series.bins[0][start : (start := start + rows.size)]
@@ -334,8 +331,10 @@ def independent_series(order: SeriesOrder, noise: ObservationCovariance, used: M
         numbers.append(np.tile(len(series) + np.arange(k), count))
         times_s.append(np.repeat(order.time_s[block.rows[:, 0]], k))
         series += block_series
-    whitener = StructuredWhitener(len(used), (*singles, *(block for _, block in blocks)))
-    return IndependentSeries(tuple(series), whitener, np.concatenate(numbers), np.concatenate(times_s))
+    structures = (*singles, *(block for _, block in blocks))
+    return IndependentSeries(
+        len(used), structures, tuple(series), np.concatenate(numbers), np.concatenate(times_s)
+    )
 
 
 def _combinations(order: SeriesOrder, blocks: Blocks) -> Iterator[tuple[list[Series], Blocks]]:

@@ -90,10 +90,14 @@ def assess_time_correlation(
     if not fit.factor.determined.any() or not fit.used.any():
         return uncorrelated
     root = fit.factor.root_covariance()
-    series = independent_series(order, fit.noise, fit.used) if series is None else series
+    series = series_of(fit, order) if series is None else series
     q = root.shape[1]
     points, free = points_of(series, column(fit.residual_m)), fit.parameters.free
-    partials = binned_partials(series, fit.linearization.partials)[:, free]
+    whitened = fit.factor.whitened
+    if whitened is not None and series is fit.whitening:
+        partials = series.binned(whitened.parts)[0] @ whitened.from_free
+    else:
+        partials = binned_partials(series, fit.linearization.partials)[:, free]
     compiled = points.compiled or isinstance(fit.linearization, OrthonormalLinearization)
     points = replace(points, unit=matrix_product(partials, root), compiled=compiled)
     noise = noise_of_series(*_without_considered(fit, points, partials), significant=False)
@@ -121,6 +125,13 @@ def assess_time_correlation(
     ]
     noise = {item.key: noise[item.key] for item in points.series if item.key in noise}
     return TimeCorrelation(tuple(correlations), in_parameter_units(added, fit), noise)
+
+
+def series_of(fit: FitResult, order: SeriesOrder) -> IndependentSeries:
+    """Return the series of the used observations, by which trials are weighed."""
+    if isinstance(fit.whitening, IndependentSeries):
+        return fit.whitening
+    return independent_series(order, fit.noise, fit.used)
 
 
 def _without_considered(fit: FitResult, points: Points, partials: Floats) -> tuple[Points, Floats]:
@@ -203,20 +214,23 @@ def fit_with_correlated_weights(
     # A fit that did not end has its own error status.
     if not edited.is_at_minimum:
         return edited
-    series = independent_series(order, stated.noise, stated.used)
+    series = series_of(stated, order)
     correlation = assess_time_correlation(stated, order, series)
     edited = replace(edited, fit=replace(stated, time_correlation=correlation))
     weights = _weights(series, correlation)
     if not weights:
         return edited
     whitening = CorrelatedWhitener.from_noise(series, _weight_noise(series, correlation, weights))
+    linearization = stated.linearization
+    if series is stated.whitening and isinstance(linearization, OrthonormalLinearization):
+        linearization = replace(linearization, whitened=stated.factor.whitened)
     fit = fit_least_squares(
         residual_function,
         stated.parameters,
         stated.noise,
         used=stated.used,
         start=stated.x,
-        linearization=stated.linearization,
+        linearization=linearization,
         whitening=whitening,
     )
     return replace(

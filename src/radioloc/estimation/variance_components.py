@@ -27,7 +27,7 @@ from radioloc.noise.covariance import ObservationCovariance, White
 from radioloc.noise.whitening import column
 from radioloc.parameters.parameter import ParameterSet
 from radioloc.quantities import accepts_quantities
-from radioloc.vectors import Codes, Floats, Mask
+from radioloc.vectors import Floats, Mask
 
 _MAX_ROUND_COUNT = 60  # the components of a biased station of strong weight settle slowly, within 30
 _MAX_SPLIT_COUNT = 10  # largest number of stations and links with a component of their own
@@ -53,7 +53,6 @@ def fit_with_variance_components(
     ranges, of stated millimetres, determine the estimate, and errors of the model of centimetres exceed the sigmas
     tenfold (`tests/statistics/test_variance_components.py`).
     """
-    link_indices = None if order is None else order.code
     edited = fit_with_editing(
         residual_function,
         parameters,
@@ -61,10 +60,10 @@ def fit_with_variance_components(
         status=status,
         threshold=threshold,
         start=start,
-        link_indices=link_indices,
+        order=order,
     )
     problem = _Problem(
-        residual_function, parameters, edited.fit.noise, edited.initial_status, threshold, start, link_indices
+        residual_function, parameters, edited.fit.noise, edited.initial_status, threshold, start, order
     )
     if order is None:
         return problem.settled(edited, Labels(np.zeros(len(edited.initial_status), dtype=np.int32), ("all",)))
@@ -94,7 +93,7 @@ class _Problem:
     initial_status: Labels
     threshold: float | None
     start: Floats | None
-    link_indices: Codes | None  # (n,)
+    order: SeriesOrder | None
 
     def fit_with(self, added_m: Floats, previous: EditedFit | None) -> EditedFit:
         """Fit with components (n,), m, from a previous fit if that converged and its outliers were rejected."""
@@ -106,7 +105,7 @@ class _Problem:
             threshold=self.threshold,
             previous=previous if previous is not None and previous.can_continue else None,
             start=self.start,
-            link_indices=self.link_indices,
+            order=self.order,
         )
 
     def with_shared(self, edited: EditedFit, order: SeriesOrder, groups: Labels) -> EditedFit:

@@ -192,13 +192,13 @@ class StructuredWhitener:
     filter: ClassVar[None] = None  # none acts on the combinations
 
     def _groups(self) -> Iterator[list[tuple[Structure, slice]]]:
-        """Yield groups of parts of structures, of some thousand rows each."""
+        """Yield groups of parts of structures of one type, of some thousand rows each."""
         group: list[tuple[Structure, slice]] = []
         size = 0
         for structure in self.structures:
             for part in structure.parts():
                 size += structure.rows[part].size
-                if group and size > ROWS_AT_ONCE:
+                if group and (size > ROWS_AT_ONCE or type(structure) is not type(group[-1][0])):
                     yield group
                     group, size = [], structure.rows[part].size
                 group.append((structure, part))

@@ -19,7 +19,7 @@ from radioloc.estimation.gauss_markov import (
     mean_correlation,
 )
 from radioloc.estimation.series import CorrelatedWhitener, IndependentSeries, bins, points_of
-from radioloc.noise.whitening import Blocks, Diagonal, StructuredWhitener
+from radioloc.noise.whitening import Blocks, Diagonal
 
 ROUNDING = 1e-10
 
@@ -146,11 +146,10 @@ def test_whitening_is_a_root_of_the_inverse_covariance(case, at_once, monkeypatc
         "a": SeriesNoise(0.8, np.array([600.0]), np.array([2.4])),
         "b": SeriesNoise(4.0, np.ones(1), np.zeros(1)),
     }
-    whitener = StructuredWhitener(150, (Diagonal(np.arange(150), np.full(150, 2.0)),))
+    structures = (Diagonal(np.arange(150), np.full(150, 2.0)),)
     number = np.repeat([0, 1], [90, 60])
-    result = CorrelatedWhitener.from_noise(
-        IndependentSeries(names("ab"), whitener, number, np.cumsum(step_s)), noise
-    )
+    series = IndependentSeries(150, structures, names("ab"), number, np.cumsum(step_s))
+    result = CorrelatedWhitener.from_noise(series, noise)
     whitened = np.concatenate(list(result.whitened(lambda rows: np.eye(150)[rows])))
     expected = np.eye(150) / 16.0
     expected[:90, :90] = np.linalg.inv(4.0 * 0.8 * dense(step_s[:90], np.ones(90), 600.0, 3.0))
@@ -188,7 +187,7 @@ def test_sections_hold_all_combinations_of_their_series(monkeypatch):
     """Two series one behind the other, then two of combinations in turn, from parts of seven rows."""
     monkeypatch.setattr("radioloc.estimation.series.ROWS_AT_ONCE", 8)
     number, columns = np.array([0] * 9 + [1] * 3 + [2, 3] * 6), np.random.default_rng(1).normal(size=(24, 2))
-    series = IndependentSeries(names("abcd"), StructuredWhitener(24, ()), number, np.arange(24.0))
+    series = IndependentSeries(24, (), names("abcd"), number, np.arange(24.0))
     sections = list(series.sections(np.split(columns, [7, 14, 21])))
     assert [numbers for _, numbers, _ in sections] == [[0], [1, 2, 3]]
     for part, _, values in sections:
@@ -204,9 +203,7 @@ def test_sums_of_bins_are_those_of_whitened_values(monkeypatch, at_once):
     values, rows = rng.normal(size=(24, 3)), rng.permutation(24).reshape(12, 2)
     blocks = Blocks(rows, np.arange(12), rng.normal(size=(12, 2, 2)), np.ones((12, 2)))
     time_s = 60.0 * np.arange(12)
-    series = IndependentSeries(
-        names("ab"), StructuredWhitener(24, (blocks,)), np.tile([0, 1], 12), np.repeat(time_s, 2)
-    )
+    series = IndependentSeries(24, (blocks,), names("ab"), np.tile([0, 1], 12), np.repeat(time_s, 2))
     result = points_of(series, lambda rows: values[rows])
     whitened = np.moveaxis(blocks.roots @ values[rows], 1, 0)
     place, _ = bins(time_s, 4)

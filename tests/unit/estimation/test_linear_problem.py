@@ -7,6 +7,7 @@ from radioloc.estimation import Labels, Parameter, ParameterSet
 from radioloc.estimation.least_squares import fit_least_squares
 from radioloc.estimation.robust import linear_problem
 from radioloc.estimation.series import SeriesOrder
+from radioloc.estimation.time_correlation import fit_with_correlated_weights
 from radioloc.estimation.variance_components import fit_with_variance_components
 from radioloc.noise import ObservationCovariance, SharedAtEpoch, White
 from radioloc.parameters.parameter import Role
@@ -121,3 +122,46 @@ def test_the_same_where_observations_share_errors():
     np.testing.assert_allclose((item.x - fit.x) / fit.sigmas, 0.0, atol=SAME_SIGMAS)
     np.testing.assert_allclose(item.covariance, fit.covariance, rtol=1e-6, atol=1e-9 * fit.sigmas.max())
     assert item.chi2 == pytest.approx(fit.chi2)
+
+
+def test_the_same_with_weights_that_allow_for_correlation():
+    """Errors of ranges and of stations last for hours; a filter whitens ranges, delays have other sigmas."""
+    rng, n, tau_s = np.random.default_rng(3), 600, 3600.0
+    partials, parameters, _, _ = problem(rng, n)
+    partials[:, 4], time_s = 0.0, 300.0 * np.append(np.arange(300), np.repeat(np.arange(100), 3))
+    parameters = parameters.changed("rate", role=Role.FIXED)
+    partials[:, :3] = np.sin(time_s[:, None] * [1e-5, 2e-5, 3e-5] + np.arange(3.0))
+    partials[:, 3] = np.arange(n) < 300
+    errors = np.zeros((300, 4))
+    for k, drive in enumerate(rng.standard_normal((300, 4))):
+        errors[k] = np.exp(-300.0 / tau_s) * errors[k - 1] + np.sqrt(1.0 - np.exp(-600.0 / tau_s)) * drive
+    baselines, epoch = np.array([[0, 1], [0, 2], [1, 2]])[np.arange(300) % 3], np.arange(300) // 3
+    delay_m = 0.3 * (errors[epoch, 1 + baselines[:, 1]] - errors[epoch, 1 + baselines[:, 0]])
+    residual_m = np.append(2.0 * errors[:, 0], delay_m) + 0.2 * rng.standard_normal(n)
+    group = np.append(np.full(300, -1), epoch)
+    source = np.vstack([np.zeros((300, 2), dtype=np.intp), baselines])
+    shared = SharedAtEpoch(group, source, np.outer(np.arange(n) >= 300, [-0.3, 0.3]))
+    sigma_m = np.where(np.arange(n) < 300, 2.0, 0.2)
+    noise, residual_m[20] = ObservationCovariance((White(sigma_m), shared)), 80.0
+    types = Labels((np.arange(n) >= 300).astype(np.int32), ("range", "vlbi_delay"))
+    paths = Labels.from_texts(["A"] * 300 + [("B>C", "B>D", "C>D")[k % 3] for k in range(300)])
+    order = SeriesOrder.from_labels(types, paths, time_s)
+    x = np.zeros(5)
+    calls = linear_problem(partials, parameters, x, noise, np.ones(n, bool))
+
+    def fit(linear):
+        edited = fit_with_variance_components(linear, parameters, noise, order=order)
+        return fit_with_correlated_weights(linear, edited, order)
+
+    item = fit(calls.residual_function(residual_m))
+    expected = fit(lambda at: (residual_m - partials @ at, partials))
+    assert {weight.name.partition(" ")[0] for weight in item.series_weights} == {"range", "vlbi_delay"}
+    assert not item.fit.used[20]
+    np.testing.assert_allclose((item.fit.x - expected.fit.x)[:4] / expected.fit.sigmas[:4], 0.0, atol=1e-6)
+    np.testing.assert_allclose(item.fit.sigmas, expected.fit.sigmas, rtol=1e-6)
+    np.testing.assert_allclose(
+        item.fit.time_correlation.added_covariance,
+        expected.fit.time_correlation.added_covariance,
+        rtol=1e-5,
+        atol=1e-9,
+    )

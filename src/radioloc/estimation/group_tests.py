@@ -265,15 +265,21 @@ class BinnedProblem:
         gain = np.asarray(sparse_products[:, 1:] @ self.inverse).T
         return ScoreProducts(self, z, score, with_partials, np.linalg.norm(z, axis=0), gain)
 
+    @cached_property
+    def _epoch(self) -> Indices:
+        """Index of the epoch of each point, (n,)."""
+        return np.unique(self.points.time_s, return_inverse=True)[1]
+
     def inflation(self, links: Mapping[int, float], shift: Floats, effect: Floats) -> float:
         """Variance factor of the common errors of links, 1 if they are independent.
 
         Residuals are those after a shift of the parameters (c,) and a further effect (n + k,).
         """
         _, place, sign = self._rows_of(links)
-        residual = self.residual[place] - self.whitened[place] @ shift - effect[place]
-        epoch = np.unique(self.points.time_s[place], return_inverse=True)[1]
-        return _spread(np.bincount(epoch, sign * residual) / np.sqrt(np.bincount(epoch)))
+        residual = (self.residual - self.whitened @ shift - effect)[place]
+        count = np.bincount(self._epoch[place])
+        sums = np.bincount(self._epoch[place], sign * residual)[count > 0]
+        return _spread(sums / np.sqrt(count[count > 0]))
 
     def chi2_of_steps(self, links: Mapping[int, float], edges_s: Floats) -> Floats:
         """Chi-square of a step of some links at each of w epochs, (w,)."""
@@ -436,7 +442,9 @@ def noise_of_each(points: Points) -> dict[str, SeriesNoise]:
 
 def _sums_from(values: Floats) -> Floats:
     """Cumulative sums of values (n, w) from the end, with a final row of zeros, shape (n + 1, w)."""
-    return np.vstack([np.cumsum(values[::-1], axis=0)[::-1], np.zeros(values.shape[1])])
+    sums = np.zeros((len(values) + 1, values.shape[1]))
+    np.cumsum(values[::-1], axis=0, out=sums[-2::-1])
+    return sums
 
 
 def _white_noise(points: Points, k: int, estimate: Floats, absorbed: float) -> SeriesNoise:

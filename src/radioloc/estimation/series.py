@@ -220,7 +220,7 @@ def link_contributions(
     """Return contributions of links to points: point and link, (m,), and sums of smooth columns, (m, c)."""
     from scipy.sparse import csr_array
 
-    place, begin, _ = series.bins
+    count, begin = np.bincount(series.bins[0]), series.bins[1]
     widths = np.ones(begin[-1], dtype=np.intp)
     for _, _, rows, bin_of in _binned_parts(series):
         widths[bin_of] = rows.shape[1]
@@ -241,10 +241,11 @@ def link_contributions(
         sums = sums if sums.size else np.zeros((len(code), values.shape[1]))
         member = np.broadcast_to(np.arange(values.shape[0]).reshape(-1, 1, width), index[chosen].shape)
         entries = _roots(structure, part, chosen) * weight[:, None, None]
-        shape = (len(sums), len(values))
-        sums += csr_array((entries.ravel(), (index[chosen].ravel(), member.ravel())), shape) @ values
+        place, local = np.unique(index[chosen], return_inverse=True)
+        shape = (len(place), len(values))
+        sums[place] += csr_array((entries.ravel(), (local.ravel(), member.ravel())), shape) @ values
     point = np.repeat(np.arange(begin[-1]), widths)
-    sums /= np.sqrt(np.bincount(place))[point, None]
+    sums /= np.sqrt(count)[point, None]
     return point, code, sums
 
 

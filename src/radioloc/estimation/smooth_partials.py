@@ -19,9 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.labels import changed
-from radioloc.measurements.predictor import ROWS_AT_ONCE
 from radioloc.noise.processes import KalmanFilter
-from radioloc.noise.whitening import Blocks, Diagonal, Rows, RowsOf, Structure, StructuredWhitener
+from radioloc.noise.whitening import Blocks, Diagonal, Rows, RowsOf, Structure, StructuredWhitener, slices
 from radioloc.vectors import Codes, Floats, Indices, Mask
 
 _CELL_S = 256.0  # 1.1 degrees of the Earth's rotation, 13 degrees of a low lunar orbit
@@ -39,6 +38,7 @@ class Cells:
     argument: Floats  # (n,), time in the cell from -1 to 1, the same for all links
     cell: Codes  # (n,), or -1
     nodes: Rows  # (c, d + 1), observations that determine the coefficients, and one that tests them
+    inverse: Floats  # (c, d, d), from values at the former to coefficients
 
     @classmethod
     def from_keys(cls, keys: Sequence[NDArray[Any]], time_s: Floats) -> Cells:
@@ -54,13 +54,18 @@ class Cells:
         starts, numbers = starts[dense], np.where(dense, np.cumsum(dense) - 1, -1)
         cell[order] = np.repeat(numbers, counts)
         places = np.append(0.5 - 0.5 * np.cos(np.pi * np.arange(_COUNT) / (_COUNT - 1)), 0.5)
-        return cls(
-            argument, cell, order[starts[:, None] + np.rint(places * (counts[dense, None] - 1)).astype(int)]
-        )
+        nodes = order[starts[:, None] + np.rint(places * (counts[dense, None] - 1)).astype(int)]
+        inverse = np.linalg.inv(_polynomials(argument[nodes[:, :-1]]))
+        return cls(argument, cell, nodes, np.asarray(inverse, dtype=np.float64))
 
     def basis(self, rows: Rows) -> Floats:
         """Legendre polynomials at the epochs of some observations, shape (..., d)."""
-        return np.asarray(np.polynomial.legendre.legvander(self.argument[rows], _COUNT - 1), dtype=np.float64)
+        return _polynomials(self.argument[rows])
+
+
+def _polynomials(argument: Floats) -> Floats:
+    """Legendre polynomials of arguments, shape (..., d)."""
+    return np.asarray(np.polynomial.legendre.legvander(argument, _COUNT - 1), dtype=np.float64)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -76,11 +81,11 @@ class SmoothPartials:
     def from_nodes(cls, cells: Cells, partials: RowsOf) -> SmoothPartials:
         """Determine the coefficients from partials of the nodes."""
         coefficients, errors, largest = list[Floats](), list[Floats](), np.zeros(1)
-        for nodes in np.split(cells.nodes, range(ROWS_AT_ONCE // 8, len(cells.nodes), ROWS_AT_ONCE // 8)):
+        for part in slices(len(cells.nodes), 8):
+            nodes = cells.nodes[part]
             values = partials(nodes.ravel()).reshape(*nodes.shape, -1)
-            basis = cells.basis(nodes)
-            coefficients.append(np.linalg.inv(basis[:, :-1]) @ values[:, :-1])
-            errors.append(np.abs((basis[:, -1:] @ coefficients[-1])[:, 0] - values[:, -1]))
+            coefficients.append(cells.inverse[part] @ values[:, :-1])
+            errors.append(np.abs((cells.basis(nodes[:, -1:]) @ coefficients[-1])[:, 0] - values[:, -1]))
             largest = np.maximum(largest, np.abs(values).max(axis=(0, 1), initial=0.0))
         is_precise: Mask = np.all(np.concatenate(errors) <= _TOLERANCE * largest, axis=1)
         numbers = np.append(np.where(is_precise, np.arange(len(is_precise)), -1), -1).astype(np.int32)

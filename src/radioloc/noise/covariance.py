@@ -17,6 +17,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, fields, replace
+from itertools import compress
+from operator import not_
 from typing import Any, Protocol, TypeVar
 
 import numpy as np
@@ -244,11 +246,13 @@ class ObservationCovariance:
     sigma_m: Floats = field(init=False)  #: (n,), of all terms together
 
     def __post_init__(self) -> None:
-        if len({len(term.variance_m2) for term in self.terms}) != 1:
-            counts = [len(term.variance_m2) for term in self.terms]
+        variances_m2 = [term.variance_m2 for term in self.terms]
+        counts = list(map(len, variances_m2))
+        if len(set(counts)) != 1:
             raise InputError(f"terms of the noise: expected equal numbers of observations, got {counts}")
-        white_m2 = sum((term.variance_m2 for term in self.of_type(White)), np.zeros(len(self)))
-        variance_m2 = sum((term.variance_m2 for term in self._structured), white_m2)
+        is_white = [isinstance(term, White) for term in self.terms]
+        white_m2 = sum(compress(variances_m2, is_white), np.zeros(counts[0]))
+        variance_m2 = sum(compress(variances_m2, map(not_, is_white)), white_m2)
         bad = np.flatnonzero(~(np.isfinite(variance_m2) & (variance_m2 > 0.0)))
         if len(bad):
             sigma_m = np.sqrt(variance_m2[bad[0]])
@@ -274,7 +278,7 @@ class ObservationCovariance:
         return cls((White(sigma_m),))
 
     def __len__(self) -> int:
-        return len(self.terms[0].variance_m2)
+        return len(self.sigma_m)
 
     def of_type(self, kind: type[Term]) -> tuple[Term, ...]:
         """Terms of one type."""

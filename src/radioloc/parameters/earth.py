@@ -31,10 +31,12 @@ def _station_position(rows: ObservationRows) -> Floats:
 
 def _displaced(rows: ObservationRows, shifts: Floats) -> Floats:
     """Return partials with respect to station displacements, ITRF, m per unit, shape (n_stations, 3, components)."""
-    by_station, components = rows.computed.by_station_itrf, range(shifts.shape[2])
-    # One component after the other in memory
-    columns = [sum(by_station[..., i] * shifts[:, i, c][rows.ends] for i in range(3)) for c in components]
-    return np.moveaxis(np.stack(columns), 0, -1)
+    # One component after the other in memory, (3, components, ends, m)
+    by_station, shift = (
+        rows.computed.by_station_itrf.T,
+        np.take(shifts.transpose(1, 2, 0), rows.ends.T, axis=-1),
+    )
+    return np.asarray(sum(by_station[i] * shift[i] for i in range(3)).T)
 
 
 def _rotated(rows: ObservationRows, axes: list[list[float]]) -> Floats:

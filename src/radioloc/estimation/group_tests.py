@@ -407,9 +407,10 @@ def estimate_change(fitted: BinnedProblem, changed: BinnedProblem) -> tuple[Floa
     """
     count = fitted.estimated_count
     effects = fitted.inverse[:count] @ fitted.whitened.T
-    for k, (root_of_fit, root) in enumerate(zip(fitted.roots, changed.roots, strict=True)):
+    for k, root in enumerate(changed.roots):
         part = changed.points.series_slice(k)
-        effects[:, part] = np.linalg.solve(root.T, root_of_fit.T @ effects[:, part].T).T
+        of_fit = effects[:, part] @ fitted.roots[k] if fitted.roots else effects[:, part]
+        effects[:, part] = np.linalg.solve(root.T, of_fit.T).T
     root_of_change = changed.inverse[:count] @ changed.whitened.T - effects
     return changed.estimate[:count], root_of_change
 

@@ -34,6 +34,7 @@ from radioloc.vectors import Floats
 Indices = NDArray[np.int64]
 
 _DESCRIBED_SIZE_FACTOR = 1.5  # of SIFT's surroundings: wider ones are more similar under different Suns
+_BLUR_PX = 1.6  # of the first layer (Lowe 2004), in pixels of the doubled image
 _TOLERANCE_PX = 3.0  # five sigmas of features under different Suns
 _MAX_FALSE_ALARMS = 1e-6  # per pair of images
 _CELL_SIZE_TOLERANCES = 4.0  # features in one cell count once
@@ -87,21 +88,15 @@ def detect(image: Image, mask: Mask | None = None, count: int = 2000) -> Feature
     cv2 = load_opencv()
     usable = np.ones(image.shape, bool) if mask is None else mask
     points: Any = ()
-    descriptors = np.zeros((0, 128), np.uint8)
     if usable.any() and not _is_flat(image[usable]):
-        equalized = cv2.createCLAHE(_CONTRAST_LIMIT, _CONTRAST_TILES).apply(image)
+        image = cv2.createCLAHE(_CONTRAST_LIMIT, _CONTRAST_TILES).apply(image)
         # Without precise upscaling, features of images of different scale are 0.15 pixel apart in one direction.
-        detector = cv2.SIFT_create(0, 3, 0.01, 10, 1.6, enable_precise_upscale=True)
-        points = detector.detect(equalized, usable.astype(np.uint8))
+        detector = cv2.SIFT_create(0, 3, 0.01, 10, _BLUR_PX, enable_precise_upscale=True)
+        points = detector.detect(image, usable.astype(np.uint8))
         points = [points[k] for k in _strongest_by_cell(points, image.shape, count)]
-        if points:
-            points, descriptors = _describe(detector, equalized, points)
-    return Features(
-        np.array([p.pt for p in points], dtype=np.float64).reshape(-1, 2),
-        np.hypot(_SIGMA_PX, _SIGMA_SIZE_RATIO * np.array([p.size for p in points], dtype=np.float64)),
-        descriptors,
-        (image.shape[0], image.shape[1]),
-    )
+    pixels = np.array([p.pt for p in points], dtype=np.float64).reshape(-1, 2)
+    sigma_px = np.hypot(_SIGMA_PX, _SIGMA_SIZE_RATIO * np.array([p.size for p in points], dtype=np.float64))
+    return Features(pixels, sigma_px, _descriptors(image, points), (image.shape[0], image.shape[1]))
 
 
 def match(
@@ -145,15 +140,18 @@ def _agreement(
     return Matches(MatchStatus.MATCHED, len(i), alarms, i[agree], j[agree], matrix / np.linalg.norm(matrix))
 
 
-def _describe(detector: Any, image: Image, points: Any) -> tuple[Any, NDArray[np.uint8]]:
-    """Return points and the scaled square roots of their descriptors."""
+def _descriptors(image: Image, points: Any) -> NDArray[np.uint8]:
+    """Return the scaled square roots of descriptors; changes the points."""
+    if not points:
+        return np.zeros((0, 128), np.uint8)
+    # Detection doubles the image. Half the blur without doubling gives the same layers in a quarter of the pixels.
+    describer = load_opencv().SIFT_create(0, 3, 0.01, 10, 0.5 * _BLUR_PX)
     for point in points:
+        point.octave = (point.octave & ~0xFF) + (point.octave + 1 & 0xFF)  # in the lowest byte, from -1
         point.size *= _DESCRIBED_SIZE_FACTOR
-    points, descriptors = detector.compute(image, points)
-    for point in points:
-        point.size /= _DESCRIBED_SIZE_FACTOR
+    descriptors = describer.compute(image, points)[1]
     roots = np.sqrt(descriptors / descriptors.sum(axis=1, keepdims=True).clip(1.0)) * _ROOT_SCALE
-    return points, roots.astype(np.uint8)
+    return roots.astype(np.uint8)
 
 
 def _is_flat(values: NDArray[np.uint8]) -> bool:

@@ -276,7 +276,7 @@ class BinnedProblem:
         Residuals are those after a shift of the parameters (c,) and a further effect (n + k,).
         """
         _, place, sign = self._rows_of(links)
-        residual = (self.residual - self.whitened @ shift - effect)[place]
+        residual = self.residual[place] - self.whitened[place] @ shift - effect[place]
         count = np.bincount(self._epoch[place])
         sums = np.bincount(self._epoch[place], sign * residual)[count > 0]
         return _spread(sums / np.sqrt(count[count > 0]))

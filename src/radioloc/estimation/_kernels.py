@@ -12,6 +12,7 @@ from radioloc.compiled import compiled
 from radioloc.vectors import Floats, Indices
 
 _LOGARITHM_STEP = 16  # innovation variances, below 1e15, that are multiplied before a logarithm is taken
+_PRODUCT_ROWS = 4  # innovations whose products are added at once
 
 
 @compiled(error_model="numpy")
@@ -37,7 +38,8 @@ def likelihood_grid(
         np.empty((series, cells)),
         np.empty(cells),
     )
-    kalman, variance, innovation = np.empty((p, cells)), np.empty(cells), np.empty((m, cells))
+    kalman, variance, scale = np.empty((p, cells)), np.empty(cells), np.empty(cells)
+    innovation = np.empty((_PRODUCT_ROWS, m, cells))
     for k in range(series):
         determinant, factor, stationary = np.ones(cells), np.zeros((p, cells)), np.zeros((p, cells))
         covariance, state, sums = np.zeros((p, p, cells)), np.zeros((m, p, cells)), np.zeros((m, m, cells))
@@ -53,12 +55,17 @@ def likelihood_grid(
             _update(factor, stationary, gain[k, i], covariance, kalman, variance)
             for g in range(cells):
                 determinant[g] *= variance[g]
+                scale[g] = 1.0 / math.sqrt(variance[g])
             if i % _LOGARITHM_STEP == _LOGARITHM_STEP - 1 or i == n - 1:
                 for g in range(cells):
                     log_determinant[k, g] += math.log(determinant[g])
                     determinant[g] = 1.0
-            _innovate(factor, gain[k, i], kalman, columns[k, i], state, innovation)
-            _add_products(innovation, variance, sums)
+            row = i % _PRODUCT_ROWS
+            _innovate(factor, gain[k, i], kalman, scale, columns[k, i], state, innovation[row])
+            if i == n - 1:
+                innovation[row + 1 :] = 0.0
+            if row == _PRODUCT_ROWS - 1 or i == n - 1:
+                _add_products(innovation, sums)
         for g in range(cells):
             log_determinant[k, g] += of_series[1, k] * math.log(white[g])
             sums[m - 1, m - 1, g] += of_series[2, k] / white[g]
@@ -144,12 +151,26 @@ def _update(
 
 @compiled(error_model="numpy")
 def _innovate(
-    factor: Floats, gain: float, kalman: Floats, columns: Floats, state: Floats, innovation: Floats
+    factor: Floats,
+    gain: float,
+    kalman: Floats,
+    scale: Floats,
+    columns: Floats,
+    state: Floats,
+    innovation: Floats,
 ) -> None:
-    """Innovations (m, cells) of a row of columns (m,), and the states of the processes behind it."""
+    """Innovations (m, cells) of a row of columns (m,) times a scale, and the states of the processes behind it."""
     m, p, cells = state.shape
     for j in range(m):
         row_innovation = innovation[j]
+        if p == 1:  # in one loop, as reading and writing take most of the time
+            process_state, decay, process_gain, value = state[j, 0], factor[0], kalman[0], columns[j]
+            for g in range(cells):
+                predicted = process_state[g] * decay[g]
+                difference = value - gain * predicted
+                process_state[g] = predicted + process_gain[g] * difference
+                row_innovation[g] = difference * scale[g]
+            continue
         row_innovation[:] = columns[j]
         for a in range(p):
             process_state, decay = state[j, a], factor[a]
@@ -160,23 +181,26 @@ def _innovate(
             process_state, process_gain = state[j, a], kalman[a]
             for g in range(cells):
                 process_state[g] += process_gain[g] * row_innovation[g]
+        for g in range(cells):
+            row_innovation[g] *= scale[g]
 
 
 @compiled(error_model="numpy")
-def _add_products(innovation: Floats, variance: Floats, products: Floats) -> None:
-    """Add the upper products of innovations over their variance."""
-    m, cells = innovation.shape
+def _add_products(innovation: Floats, products: Floats) -> None:
+    """Add the upper products of innovations (4, m, cells) of unit variance, those of four rows at once."""
+    _, m, cells = innovation.shape
     for j in range(m):
-        weighted = innovation[j]
-        for g in range(cells):
-            weighted[g] /= variance[g]
-        product = products[j, j]
-        for g in range(cells):
-            product[g] += weighted[g] * weighted[g] * variance[g]
-        for k in range(j + 1, m):
-            product, row_innovation = products[j, k], innovation[k]
+        first, second, third, fourth = innovation[0, j], innovation[1, j], innovation[2, j], innovation[3, j]
+        for k in range(j, m):
+            product, a, b, c, d = (
+                products[j, k],
+                innovation[0, k],
+                innovation[1, k],
+                innovation[2, k],
+                innovation[3, k],
+            )
             for g in range(cells):
-                product[g] += weighted[g] * row_innovation[g]
+                product[g] += (first[g] * a[g] + second[g] * b[g]) + (third[g] * c[g] + fourth[g] * d[g])
 
 
 @compiled(error_model="numpy")

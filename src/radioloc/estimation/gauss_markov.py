@@ -113,7 +113,7 @@ class SeriesNoise:
         """Variance of a single observation."""
         return self.white + float(self.coloured.sum())
 
-    @property
+    @cached_property
     def excess(self) -> SeriesNoise:
         """Noise less the variance in the covariance of the estimate: the stated one, or all if not significant."""
         return replace(self, white=self.white - (1.0 if self.is_significant else self.variance))

@@ -260,10 +260,9 @@ def _with_covariances(
     # The columns of all observations would be hundreds of megabytes.
     for part, numbers, whitened in series.sections(fit.whitened_unit_partials(directions)):
         rows_of = {k: series.of_each[k] - part.start for k in numbers}
-        for k, rows in rows_of.items():
-            if groups[k] in variances:
-                columns = whitened[rows]
-                information[groups[k]] += gram(columns, columns)
+        for group in {groups[k] for k in numbers} & variances.keys():
+            columns = whitened[np.concatenate([rows for k, rows in rows_of.items() if groups[k] == group])]
+            information[group] += gram(columns, columns)
         weighted = noise.filter.adjoint(whitened, part)
         unit += gram(weighted, weighted)
         # Small series together, large ones one by one, so that their columns need little memory.
@@ -289,12 +288,14 @@ def _weight_noise(
     """Noise by whose inverse covariance series are weighed, by key."""
     # Errors of stations go on where a baseline drops out and the combinations become others, which a filter for each
     # combination does not know. Observations that share errors have one factor on their sigmas instead.
-    factors = {weight.name: weight.sigma_factor for weight in weights}
+    enlarged = {
+        weight.name: SeriesNoise(weight.sigma_factor**2, np.ones(1), np.zeros(1)) for weight in weights
+    }
     noise: dict[str, SeriesNoise] = {}
     for item in series.series:
-        if item.shared in factors:
-            noise[item.key] = SeriesNoise(factors[item.shared] ** 2, np.ones(1), np.zeros(1))
-        elif item.name in factors:
+        if item.shared in enlarged:
+            noise[item.key] = enlarged[item.shared]
+        elif item.name in enlarged:
             noise[item.key] = correlation.noise[item.key]
     return noise
 

@@ -79,7 +79,7 @@ def fit_with_variance_components(
         divided = split(edited.fit, order, groups, edited.additive_sigma_m) if edited.is_at_minimum else None
         if divided is None:
             break
-        groups, edited = divided, problem.settled(edited, divided)
+        groups, edited = divided, problem.settled(edited, divided, groups)
     return problem.with_shared(edited, order, groups)
 
 
@@ -125,19 +125,25 @@ class _Problem:
         shared_fit = replace(self, stated=shared_noise[0]).fit_with(np.zeros(len(delay_sigma_m)), edited)
         return replace(shared_fit, additive_sigma_m=edited.additive_sigma_m, shared_sigma_m=shared_noise[1])
 
-    def settled(self, edited: EditedFit, groups: Labels) -> EditedFit:
-        """Iterate fits and components of groups from a first fit until the components settle."""
+    def settled(self, edited: EditedFit, groups: Labels, divided: Labels | None = None) -> EditedFit:
+        """Iterate fits and components of groups from a first fit until the components settle.
+
+        Without components the groups of the fit, which are divided, have been tested.
+        """
         labels, group = groups.texts, groups.codes
+        tested = np.arange(0)
+        if divided is not None and not any(edited.additive_sigma_m.values()):
+            is_new = group != divided.codes
+            tested = np.setdiff1d(range(len(divided.texts)), [group[is_new], divided.codes[is_new]])
         tried_m = [np.array([edited.additive_sigma_m.get(name, 0.0) for name in labels])]
         for _ in range(_MAX_ROUND_COUNT):
             if edited.fit.status in (FitStatus.DIVERGED, FitStatus.MAX_ITERATIONS):
                 break
             # Significance is tested once: with its component a group is no longer significant.
             probability = SCALING_PROBABILITY if len(tried_m) == 1 else None
-            wanted_m = _wanted_m(edited, self.stated, group, len(labels), probability)
-            if probability is None:
-                # A group that is consistent with its stated sigmas keeps a component of zero.
-                wanted_m = np.where(tried_m[1] > 0.0, wanted_m, 0.0)
+            # A group that is consistent with its stated sigmas keeps a component of zero.
+            is_consistent = np.isin(np.arange(len(labels)), tested) if probability else tried_m[1] == 0.0
+            wanted_m = _wanted_m(edited, self.stated, group, is_consistent, probability)
             if (np.abs(wanted_m - tried_m[-1]) <= _SETTLED_FRACTION * wanted_m).all():
                 break
             tried_m.append(wanted_m)
@@ -155,14 +161,14 @@ def _wanted_m(
     edited: EditedFit,
     stated: ObservationCovariance,
     group: NDArray[np.int32],
-    count: int,
+    is_consistent: Mask,
     probability: float | None,
 ) -> Floats:
     """Component of each group by its residuals, m; white noise in a block is the same in each combination."""
     fit = edited.fit
     leverage = mean_leverage(fit)
-    wanted_m = np.zeros(count)
-    for k in range(count):
+    wanted_m = np.zeros(len(is_consistent))
+    for k in np.flatnonzero(~is_consistent).tolist():
         members = fit.used & (group == k)
         dof = float(members.sum() * (1.0 - leverage))
         whitener = stated.whitener(members)

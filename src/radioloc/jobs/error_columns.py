@@ -51,23 +51,23 @@ def fixed_parameter_blocks(predictor: Predictor, parameters: Iterable[Parameter]
     owners: dict[str, set[str]] = {}
     for item in parameters:
         owners.setdefault(item.kind, set()).add(owner(item))
-    blocks = []
+    rows, blocks = ObservationRows(predictor), []
     for name, kind in PARAMETERS.items():
         available = predictor.more_partials or not kind.more_partials
         if len(kind.components) > 1 or not available or (kind.term and not predictor.model.has(kind.term)):
             continue
-        present, estimated = members(kind, kind.scopes[0], predictor), owners.get(name, set())
+        present, estimated = members(kind, kind.scopes[0], rows), owners.get(name, set())
         if not estimated <= present.keys():  # the fit has parameters of another scope
             continue
         absent = [member for member in present if member not in estimated]
-        sigmas, reason = default_sigmas(kind, ObservationRows(predictor), present)
+        sigmas, reason = default_sigmas(kind, rows, present)
         if reason or not absent:  # such as signals without a frequency
             continue
         choice = ParameterChoice(
             tuple(absent) if kind.scopes[0].named else "all",
             sigma={member: sigmas.get(member) or kind.scale for member in absent},
         )
-        block = chosen_parameters(kind, choice, predictor, Role.CONSIDERED)
+        block = chosen_parameters(kind, choice, rows, Role.CONSIDERED)
         if block is not None:
             blocks.append(block)
     return blocks

@@ -45,7 +45,7 @@ from radioloc.parameters.choice import ParameterChoice, chosen_parameters, with_
 from radioloc.parameters.considered import resolve_considered
 from radioloc.parameters.parameter import Role
 from radioloc.parameters.registry import PARAMETERS
-from radioloc.parameters.rows import middle_epoch
+from radioloc.parameters.rows import ObservationRows, middle_epoch
 from radioloc.study.study import EstimateChoice, Study
 from radioloc.targets.design import ObservationModel
 from radioloc.targets.target import Target
@@ -80,10 +80,9 @@ class EstimationProblem:
         considered, notes = dict[str, ParameterBlock](), list[str]()
         if choice is not None:
             choice = _with_clock_epoch(with_independent_clocks(study, choice, predictor), predictor)
-            choices, notes = _considered_choices(study, predictor, choice)
-            considered = _parameter_blocks(
-                "[consider]", choices, predictor, Role.CONSIDERED, choice.pass_gap_h
-            )
+            rows = ObservationRows(predictor.uncombined)
+            choices, notes = _considered_choices(study, rows, choice)
+            considered = _parameter_blocks("[consider]", choices, rows, Role.CONSIDERED, choice.pass_gap_h)
         adjusted = [block for name, block in considered.items() if name not in study.suboptimal]
         unadjusted = tuple(block for name, block in considered.items() if name in study.suboptimal)
         model_choice = study.estimate.without_estimates() if choice is None else choice
@@ -180,7 +179,8 @@ def observation_model(
     considered: Sequence[ParameterBlock] = (),
 ) -> ObservationModel:
     """Return the model of an arc with the parameters of targets, chosen parameters and nuisance parameters."""
-    blocks = _parameter_blocks("[estimate]", choice.parameters, predictor, Role.ESTIMATED, choice.pass_gap_h)
+    rows = ObservationRows(predictor.uncombined)
+    blocks = _parameter_blocks("[estimate]", choice.parameters, rows, Role.ESTIMATED, choice.pass_gap_h)
     model = ObservationModel.from_targets(predictor, targets, [*blocks.values(), *considered])
     if choice.clock_epoch is not None:
         model = replace(model, reference=utc_to_tai(choice.clock_epoch))
@@ -189,7 +189,8 @@ def observation_model(
 
 def considered_parameters(study: Study, predictor: Predictor) -> dict[str, ParameterChoice]:
     """Return the systematic errors of a study, by kind of parameter, with their a-priori sigmas."""
-    return _considered_choices(study, predictor, with_independent_clocks(study, study.estimate, predictor))[0]
+    choice = with_independent_clocks(study, study.estimate, predictor)
+    return _considered_choices(study, ObservationRows(predictor.uncombined), choice)[0]
 
 
 def require_position_or_orbit(study: Study, job: str) -> None:
@@ -209,20 +210,21 @@ def _with_clock_epoch(choice: EstimateChoice, predictor: Predictor) -> EstimateC
 
 
 def _considered_choices(
-    study: Study, predictor: Predictor, choice: EstimateChoice
+    study: Study, rows: ObservationRows, choice: EstimateChoice
 ) -> tuple[dict[str, ParameterChoice], list[str]]:
     """Return the systematic errors with their a-priori sigmas, by kind of parameter, and notes."""
     with error_context("[estimate]"):
         estimated = {
-            name: with_canonical_names(PARAMETERS[name], item, predictor.uncombined)
+            name: with_canonical_names(PARAMETERS[name], item, rows.predictor)
             for name, item in choice.parameters.items()
         }
     # `ephemeris_sigma_m` includes the errors of the Moon already; a trajectory has errors of its own in their place.
-    kinds_without_default = _MOON_KINDS if any(choice.ephemeris_sigma_m) or predictor.trajectories else ()
+    is_replaced = any(choice.ephemeris_sigma_m) or rows.predictor.trajectories
+    kinds_without_default = _MOON_KINDS if is_replaced else ()
     with error_context("[consider]"):
         return resolve_considered(
             study.consider,
-            predictor,
+            rows,
             estimated,
             defaults=study.consider_defaults,
             without_defaults=kinds_without_default,
@@ -230,13 +232,13 @@ def _considered_choices(
 
 
 def _parameter_blocks(
-    table: str, choices: Mapping[str, ParameterChoice], predictor: Predictor, role: Role, pass_gap_h: float
+    table: str, choices: Mapping[str, ParameterChoice], rows: ObservationRows, role: Role, pass_gap_h: float
 ) -> dict[str, ParameterBlock]:
     """Return the chosen parameters by kind, without kinds that act on no observation."""
     blocks = {}
     for name, choice in choices.items():
         with error_context(table):
-            block = chosen_parameters(PARAMETERS[name], choice, predictor.uncombined, role, pass_gap_h)
+            block = chosen_parameters(PARAMETERS[name], choice, rows, role, pass_gap_h)
         if block is not None:
             blocks[name] = block
     return blocks

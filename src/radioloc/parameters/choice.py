@@ -65,27 +65,27 @@ class ParameterChoice:
 def chosen_parameters(
     kind: ParameterKind,
     choice: ParameterChoice,
-    predictor: Predictor,
+    rows: ObservationRows,
     role: Role = Role.ESTIMATED,
     gap_h: float = PASS_GAP_H,
 ) -> tuple[Columns, list[Parameter]] | None:
-    """Return columns and parameters of a kind, or None; no observation of `predictor` is combined."""
+    """Return columns and parameters of a kind, or None, from the rows of all observations of an arc."""
     # `role` is that of the listed members. It is fixed for the errors of a simulated world, where any participant may
     # have a value, even one that cannot be estimated. A new pass begins after `gap_h` hours without an observation.
     if not choice.is_given:
         return None
-    if kind.term and not predictor.model.has(kind.term):
+    if kind.term and not rows.model.has(kind.term):
         raise InputError(
             f"{kind.name}: it acts by the term {kind.term}, which is switched off; switch the term on "
             f"([model] off), or leave {kind.name} out"
         )
     scope = choice.scope(kind)
-    present = all_members(scope, predictor) if role is Role.FIXED else members(kind, scope, predictor)
-    choice = with_canonical_names(kind, choice, predictor)
+    present = all_members(scope, rows.predictor) if role is Role.FIXED else members(kind, scope, rows)
+    choice = with_canonical_names(kind, choice, rows.predictor)
     _require_observations(kind, choice, present)
     listed = set(present if choice.names == "all" else () if choice.names == "none" else choice.names)
     if choice.names == "all" and kind.relative and role is Role.ESTIMATED and scope.owner is Scope.STATION:
-        listed -= _reference_stations(kind, predictor, present)
+        listed -= _reference_stations(kind, rows, present)
     values, sigmas = _by_member(choice.value, present), _by_member(choice.sigma, listed)
     if unlisted := sigmas.keys() - listed:
         raise InputError(
@@ -95,7 +95,7 @@ def chosen_parameters(
     if not chosen:
         return None
     undivided = () if role is Role.FIXED else chosen.keys() - listed
-    columns = columns_of(kind, scope, predictor, chosen, gap_h, undivided)
+    columns = columns_of(kind, scope, rows, chosen, gap_h, undivided)
     parameters = []
     for name, member, span in zip(columns.names, columns.members, columns.spans_utc, strict=True):
         priors = np.empty((2, len(kind.components)))
@@ -167,7 +167,7 @@ def without_unobserved_members(
     """Return the choice without the members that have no observations in a part of the arc."""
     if not choice.is_given:
         return choice
-    present = members(kind, choice.scope(kind), part)
+    present = members(kind, choice.scope(kind), ObservationRows(part))
     if not present:
         return ParameterChoice(per=choice.per)
     choice = with_canonical_names(kind, choice, part)
@@ -245,10 +245,9 @@ def _scope(kind: ParameterKind, per: Any) -> Scope | None:
     return allowed[per]
 
 
-def _reference_stations(kind: ParameterKind, predictor: Predictor, present: Members) -> set[str]:
+def _reference_stations(kind: ParameterKind, rows: ObservationRows, present: Members) -> set[str]:
     """Return the first station of each network; only differences from it are observable, as of clocks."""
-    rows = ObservationRows(predictor)
-    network = networks(rows.ends[kind.acts_on(rows).all(axis=1)], len(predictor.stations))
+    network = networks(rows.ends[kind.acts_on(rows).all(axis=1)], len(rows.predictor.stations))
     first = {int(network[k]): name for name, k in reversed(present.items())}
     return set(first.values())
 

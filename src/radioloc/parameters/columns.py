@@ -101,20 +101,19 @@ def all_members(scope: Scope, predictor: Predictor) -> Members:
     return {name: k for k, name in enumerate(names)}
 
 
-def members(kind: ParameterKind, scope: Scope, predictor: Predictor) -> Members:
+def members(kind: ParameterKind, scope: Scope, rows: ObservationRows) -> Members:
     """Return the members with observations that depend on the kind."""
-    rows = ObservationRows(predictor)
     acts, owner = _acts_on(kind, rows), members_of_ends(scope, rows)
     if owner.shape[1] == 1:
-        acts = np.asarray(acts.any(axis=1, keepdims=True))
-    present = np.flatnonzero(np.bincount(owner[acts & (owner >= 0)])).tolist()
-    return {name: k for name, k in all_members(scope, predictor).items() if k in present}
+        acts = _any_end(acts)[:, None]
+    present = np.flatnonzero(np.bincount(np.where(acts, owner, -1).ravel() + 1)[1:]).tolist()
+    return {name: k for name, k in all_members(scope, rows.predictor).items() if k in present}
 
 
 def columns_of(
     kind: ParameterKind,
     scope: Scope,
-    predictor: Predictor,
+    rows: ObservationRows,
     chosen: Members,
     gap_h: float = PASS_GAP_H,
     undivided: Collection[str] = (),
@@ -124,14 +123,13 @@ def columns_of(
     A new pass begins after `gap_h` hours without any observation of the station or link, a session without any at all.
     """
     if scope not in (Scope.PASS, Scope.LINK_AND_PASS, Scope.SESSION):
-        by_member = np.full(len(all_members(scope, predictor)) + 1, -1, dtype=np.int32)
+        by_member = np.full(len(all_members(scope, rows.predictor)) + 1, -1, dtype=np.int32)
         by_member[list(chosen.values())] = np.arange(len(chosen))
         return Columns(kind, scope, tuple(chosen), tuple(chosen), (None,) * len(chosen), by_member)
-    rows = ObservationRows(predictor)
     owner, since_s = members_of_ends(scope, rows), rows.elapsed_s
     acts = _acts_on(kind, rows)
     if scope is not Scope.PASS:
-        acts = np.asarray(acts.any(axis=1, keepdims=True))
+        acts = _any_end(acts)[:, None]
     code = np.full(owner.shape, -1, dtype=np.int32)
     names: list[str] = []
     owners: list[str] = []
@@ -150,7 +148,7 @@ def columns_of(
             code[rows_of_pass] = np.where(ends, len(names), code[rows_of_pass])
             names.append(member if is_undivided else f"{member} {owners.count(member) + 1}".strip())
             owners.append(member)
-            first, last = utc_strings(predictor.observations.epoch[acting[[0, -1]]], decimals=0)
+            first, last = utc_strings(rows.observations.epoch[acting[[0, -1]]], decimals=0)
             spans.append(None if is_undivided else (str(first), str(last)))
     return Columns(kind, scope, tuple(names), tuple(owners), tuple(spans), code)
 

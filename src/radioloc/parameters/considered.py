@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import replace
-from functools import cache
 from typing import Any
 
 import numpy as np
@@ -34,27 +33,26 @@ def considered_choices(settings: Mapping[str, Any]) -> dict[str, ParameterChoice
 
 def resolve_considered(
     stated: Mapping[str, ParameterChoice],
-    predictor: Predictor,
+    rows: ObservationRows,
     estimated: Mapping[str, ParameterChoice],
     *,
     defaults: bool = True,
     without_defaults: Collection[str] = (),
 ) -> tuple[dict[str, ParameterChoice], list[str]]:
     """Return the considered members with sigmas, by kind, and notes; kinds `without_defaults` need to be stated."""
-    choices, notes, rows_of = {}, [], cache(ObservationRows)
+    choices, notes = {}, list[str]()
     for name, kind in PARAMETERS.items():
         choice = stated.get(name)
         if choice is None:
             if not (defaults and kind.considered) or name in without_defaults:
                 continue
-            if kind.term and not predictor.model.has(kind.term):
+            if kind.term and not rows.model.has(kind.term):
                 notes.append(f"{name} is not considered: the term {kind.term} is switched off")
                 continue
             choice = ParameterChoice("all")
         if choice.names == "none":
             continue
         choice = replace(choice, per=choice.per or kind.considered_per)
-        rows = rows_of(predictor.uncombined)
         replacing = [estimated.get(name)]
         if name not in stated:
             replacing += [of.get(twin) for of in (estimated, stated) for twin in kind.replaced_by]
@@ -73,7 +71,7 @@ def _resolve_kind(
 ) -> tuple[ParameterChoice | None, list[str]]:
     """Return the considered members of one kind with their sigmas, without those of other choices, and notes."""
     scope = choice.scope(kind)
-    present = members(kind, scope, rows.predictor)
+    present = members(kind, scope, rows)
     choice = with_canonical_names(kind, choice, rows.predictor)
     listed = present if isinstance(choice.names, str) else choice.names
     stated = choice.sigma if isinstance(choice.sigma, Mapping) else {}
@@ -138,4 +136,4 @@ def _members_of(
         return names
     observations = predictor.observations
     listed = np.array([link.path in names for link in observations.links])[observations.link]
-    return present.keys() - members(kind, scope, predictor.select(~listed)).keys()
+    return present.keys() - members(kind, scope, ObservationRows(predictor.select(~listed))).keys()

@@ -52,6 +52,7 @@ class ObservationRows:
         self.predictor, self._reference = predictor, reference
         self._prediction, self._motions = prediction, motions
         self.rows = np.arange(len(predictor.observations)) if rows is None else rows
+        self._selected: Any = slice(None) if rows is None else rows  # all without a copy
         self._results: dict[RowFunction, Any] = {}
 
     def __len__(self) -> int:
@@ -76,17 +77,17 @@ class ObservationRows:
     @cached_property
     def kind(self) -> NDArray[np.int8]:
         """Index of the type in :data:`~radioloc.measurements.registry.KINDS`."""
-        return self.observations.kind[self.rows]
+        return self.observations.kind[self._selected]
 
     @cached_property
     def tag(self) -> NDArray[np.int8]:
         """Index of the time tag in :data:`~radioloc.measurements.registry.TIME_TAGS`."""
-        return self.observations.tag[self.rows]
+        return self.observations.tag[self._selected]
 
     @cached_property
     def ends(self) -> NDArray[np.int32]:
         """Index of the first and of the second station, shape (m, 2); -1 without a first station."""
-        first, second = self.predictor.transmitters[self.rows], self.predictor.receivers[self.rows]
+        first, second = self.predictor.transmitters[self._selected], self.predictor.receivers[self._selected]
         return np.stack([np.where(self.one_way, -1, first), second], axis=-1)
 
     @cached_property
@@ -112,7 +113,7 @@ class ObservationRows:
     @cached_property
     def count_s(self) -> Floats:
         """Count interval, s; zero for values without one."""
-        return np.where(self.integrated, self.observations.count_s[self.rows], 0.0)
+        return np.where(self.integrated, self.observations.count_s[self._selected], 0.0)
 
     @cached_property
     def tagged(self) -> Mask:
@@ -124,7 +125,7 @@ class ObservationRows:
     def elapsed_s(self) -> Floats:
         """Time tag since the reference epoch, s."""
         reference = middle_epoch(self.observations) if self._reference is None else self._reference
-        return utc_to_tai(self.observations.epoch[self.rows]).seconds_since(reference)
+        return utc_to_tai(self.observations.epoch[self._selected]).seconds_since(reference)
 
     @cached_property
     def elapsed_at_ends_s(self) -> Floats:
@@ -176,19 +177,19 @@ class ObservationRows:
     @cached_property
     def _rough_tdb(self) -> Epochs:
         """Time tags in TT in place of TDB, good to 2 ms."""
-        tt = utc_to_tt(self.observations.epoch[self.rows])
+        tt = utc_to_tt(self.observations.epoch[self._selected])
         return Epochs(tt.jd, tt.fraction, "TDB")
 
     @cached_property
     def radio(self) -> Mask:
         """Mask of radio signals; the others are light."""
         stations = list(map(self.model.catalogue.get, self.predictor.stations))
-        return is_radio(self.observations.wavelength_um[self.rows], stations, self.ends[:, 1])
+        return is_radio(self.observations.wavelength_um[self._selected], stations, self.ends[:, 1])
 
     @property
     def target(self) -> NDArray[np.int32]:
         """Index of the target among the motions."""
-        return self.predictor.target[self.rows]
+        return self.predictor.target[self._selected]
 
     @property
     def target_pa_m(self) -> Floats:

@@ -31,6 +31,7 @@ from radioloc.parameters.choice import ParameterChoice, chosen_parameters
 from radioloc.parameters.kind import Scope
 from radioloc.parameters.parameter import Parameter, Role
 from radioloc.parameters.registry import PARAMETERS
+from radioloc.parameters.rows import ObservationRows
 from radioloc.quantities import DateLike, accepts_quantities
 from radioloc.simulation.noise import generator
 from radioloc.targets.design import DesignMatrix, ObservationModel
@@ -284,16 +285,18 @@ def _design(
     epoch_utc: str,
 ) -> DesignMatrix:
     """Return the design matrix of the positions and of all parameters with a value, which is their error or sigma."""
-    simple = predictor.uncombined
+    rows = ObservationRows(predictor.uncombined)
     catalogue = predictor.model.catalogue
     kinds = []
     for name, choice in choices.items():
         kind = PARAMETERS[name]
         if choice.scope(kind).owner is Scope.STATION and isinstance(choice.value, Mapping):
             # Stations without observations are ignored.
-            observed = {n: v for n, v in choice.value.items() if catalogue.get(n).name in simple.stations}
+            observed = {
+                n: v for n, v in choice.value.items() if catalogue.get(n).name in rows.predictor.stations
+            }
             choice = replace(choice, value=observed)
-        if (chosen := chosen_parameters(kind, choice, simple, Role.FIXED)) is not None:
+        if (chosen := chosen_parameters(kind, choice, rows, Role.FIXED)) is not None:
             kinds.append(chosen)
     # Rates contribute nothing at the epoch of the offsets.
     epoch = utc_to_tai(epochs_from_strings([epoch_utc], "UTC"))

@@ -12,6 +12,7 @@ from radioloc.errors import InputError, PredictedEopWarning, StationError
 from radioloc.measurements import FixedPoint, PhysicalModel, prepare_predictor
 from radioloc.parameters.choice import parameter_choices
 from radioloc.parameters.considered import considered_choices, resolve_considered
+from radioloc.parameters.rows import ObservationRows
 from radioloc.time import Epochs
 
 PATHS = [
@@ -46,7 +47,10 @@ def tracked(model):
 
 def sigmas(predictor, stated=None, estimated=None, **options):
     choices, notes = resolve_considered(
-        considered_choices(stated or {}), predictor, parameter_choices(estimated or {}), **options
+        considered_choices(stated or {}),
+        ObservationRows(predictor),
+        parameter_choices(estimated or {}),
+        **options,
     )
     return {name: choice.sigma for name, choice in choices.items()}, notes
 

@@ -59,6 +59,10 @@ def test_failing_functions_of_a_kind_are_named():
     with pytest.raises(InputError, match=r"range_bias.*IndexError:.*7"):
         columns.design(ObservationRows(arc))
     with pytest.raises(InputError, match=r"range_bias.*acts_on.*IndexError:.*7"):
-        members(replace(RANGE_BIAS, acts_on=fails), Scope.STATION, arc)
+        members(replace(RANGE_BIAS, acts_on=fails), Scope.STATION, ObservationRows(arc))
     with pytest.raises(InputError, match=r"acts_on.*range_bias:.*\(1, ends\).*\(1,\)"):
-        members(replace(RANGE_BIAS, acts_on=lambda rows: np.ones(len(rows), bool)), Scope.STATION, arc)
+        members(
+            replace(RANGE_BIAS, acts_on=lambda rows: np.ones(len(rows), bool)),
+            Scope.STATION,
+            ObservationRows(arc),
+        )

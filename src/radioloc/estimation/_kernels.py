@@ -9,7 +9,7 @@ import math
 import numpy as np
 
 from radioloc.compiled import compiled
-from radioloc.vectors import Floats, Indices
+from radioloc.vectors import Codes, Floats, Indices
 
 _LOGARITHM_STEP = 16  # innovation variances, below 1e15, that are multiplied before a logarithm is taken
 _PRODUCT_ROWS = 4  # innovations whose products are added at once
@@ -232,3 +232,19 @@ def half_products(
                     states[a, j] = decay[a] * states[a, j] + gain[i] * columns[i, j]
                     half[i, j] += gain[i] * variance[k, a] * states[a, j]
     return half
+
+
+@compiled(error_model="numpy")
+def legendre_sums(argument: Floats, cell: Codes, coefficients: Floats) -> Floats:
+    """Add up Legendre polynomials of arguments (n,) by the coefficients (c, d, w) of their cells, or zero; (n, w)."""
+    n, (_, count, width) = len(argument), coefficients.shape
+    sums = np.zeros((n, width))
+    for i in range(n):
+        if cell[i] < 0:
+            continue
+        previous, value = 0.0, 1.0
+        for d in range(count):
+            for j in range(width):
+                sums[i, j] += value * coefficients[cell[i], d, j]
+            previous, value = value, ((2 * d + 1) * argument[i] * value - d * previous) / (d + 1)
+    return sums

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.labels import changed
+from radioloc.measurements.predictor import ROWS_AT_ONCE
 from radioloc.noise.processes import KalmanFilter
 from radioloc.noise.whitening import Blocks, Diagonal, Rows, RowsOf, Structure, StructuredWhitener, slices
 from radioloc.vectors import Codes, Floats, Indices, Mask
@@ -94,14 +95,19 @@ class SmoothPartials:
 
     def combined(self, matrix: Floats) -> RowsOf:
         """Return the function from rows (m,) to partials times a matrix (p, w), shape (m, w)."""
-        products = self.coefficients @ matrix
+        from radioloc.estimation._kernels import legendre_sums
+
+        products, single_rows = self.coefficients @ matrix, np.flatnonzero(self.cell < 0)
+        few = self.partials(single_rows) @ matrix if len(single_rows) <= ROWS_AT_ONCE else None
 
         def rows_of(rows: Rows) -> Floats:
             cell = self.cell[rows]
-            out = np.einsum("nd,ndw->nw", self.cells.basis(rows), products[cell])
-            single_rows = np.flatnonzero(cell < 0)
-            if len(single_rows):
-                out[single_rows] = self.partials(rows[single_rows]) @ matrix
+            out = np.asarray(legendre_sums(self.cells.argument[rows], cell, products))
+            single = np.flatnonzero(cell < 0)
+            if few is not None:
+                out[single] = few[np.searchsorted(single_rows, rows[single])]
+            elif len(single):
+                out[single] = self.partials(rows[single]) @ matrix
             return out
 
         return rows_of

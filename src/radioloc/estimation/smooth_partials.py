@@ -98,16 +98,16 @@ class SmoothPartials:
         from radioloc.estimation._kernels import legendre_sums
 
         products, single_rows = self.coefficients @ matrix, np.flatnonzero(self.cell < 0)
-        few = self.partials(single_rows) @ matrix if len(single_rows) <= ROWS_AT_ONCE else None
+        of_singles = self.partials(single_rows) @ matrix if len(single_rows) <= ROWS_AT_ONCE else None
 
         def rows_of(rows: Rows) -> Floats:
             cell = self.cell[rows]
             out = np.asarray(legendre_sums(self.cells.argument[rows], cell, products))
-            single = np.flatnonzero(cell < 0)
-            if few is not None:
-                out[single] = few[np.searchsorted(single_rows, rows[single])]
-            elif len(single):
-                out[single] = self.partials(rows[single]) @ matrix
+            singles = np.flatnonzero(cell < 0)
+            if of_singles is not None:
+                out[singles] = of_singles[np.searchsorted(single_rows, rows[singles])]
+            elif len(singles):
+                out[singles] = self.partials(rows[singles]) @ matrix
             return out
 
         return rows_of

@@ -8,7 +8,6 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain, islice
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -70,6 +69,8 @@ class Reader:
     #: Function of paths and settings that returns observations. There is one path, unless `joint`.
     read: Callable[[Sequence[str | Path], ReadSettings], Observations]
     joint: bool = False  #: whether all files of the format are read as one, because they complete each other
+    #: Function of a path, settings and a number of rows that yields observations, about so many at once; or None.
+    in_parts: Callable[[str | Path, ReadSettings, int], Iterator[Observations]] | None = None
 
 
 def _by_lines(looks_like: Callable[[list[str]], bool]) -> Callable[[bytes], bool]:
@@ -165,6 +166,9 @@ READERS = Registry(
             lambda paths, settings: read_parquet(
                 paths[0], catalogue=settings.catalogue, lunar=settings.lunar
             ),
+            in_parts=lambda path, settings, rows: parquet_parts(
+                path, rows, catalogue=settings.catalogue, lunar=settings.lunar
+            ),
         ),
     ],
 )
@@ -221,12 +225,12 @@ def read_observations(
     files = [paths] if isinstance(paths, (str, Path)) else list(paths)
     if not files:
         raise InputError("expected at least one file of observations, got none")
-    settings = ReadSettings(
-        StationCatalogue.default() if catalogue is None else catalogue,
-        tdm or TdmAgreement(),
-        lunar,
-        tuple(frequencies),
-    )
+    catalogue = StationCatalogue.default() if catalogue is None else catalogue
+    return read_files(files, ReadSettings(catalogue, tdm or TdmAgreement(), lunar, tuple(frequencies)))
+
+
+def read_files(files: Sequence[str | Path], settings: ReadSettings) -> Observations:
+    """Return :func:`read_observations` of one or more files by its settings."""
     groups: dict[tuple[str, int], list[str | Path]] = {}
     for place, file in enumerate(files):
         reader = _reader_of(file)
@@ -245,27 +249,19 @@ def read_observations(
 
 
 def read_in_parts(
-    paths: Sequence[str | Path],
-    rows_at_once: int,
-    *,
-    catalogue: StationCatalogue,
-    lunar: bool,
-    **settings: Any,
+    paths: Sequence[str | Path], rows_at_once: int, settings: ReadSettings
 ) -> Iterator[Observations]:
-    """Yield the observations of files in parts; settings are those of :func:`read_observations`.
-
-    Parquet is read in parts. Other files are read together first.
-    """
-    other_files = list[str | Path]()
+    """Yield :func:`read_files` in parts; files whose reader has no `in_parts` are read together first."""
+    whole_files = list[str | Path]()
     for path in paths:
-        if _reader_of(path) is not READERS["Parquet"]:
-            other_files.append(path)
+        reader = _reader_of(path)
+        if reader.in_parts is None:
+            whole_files.append(path)
             continue
-        for part in parquet_parts(path, rows_at_once, catalogue=catalogue, lunar=lunar):
-            yield with_rounding_in_sigmas(part)
-    if other_files:
-        observations = read_observations(other_files, catalogue=catalogue, lunar=lunar, **settings)
-        yield from observations.parts(rows_at_once)
+        with entry_errors(f"reader {reader.name}", "in_parts"):
+            yield from map(with_rounding_in_sigmas, reader.in_parts(path, settings, rows_at_once))
+    if whole_files:
+        yield from read_files(whole_files, settings).parts(rows_at_once)
 
 
 def _without_rereadings(observations: Observations) -> Observations:

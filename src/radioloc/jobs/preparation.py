@@ -10,7 +10,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +19,7 @@ from radioloc.dynamics import AdjustableOrbit
 from radioloc.ephemeris import EphemerisConstants
 from radioloc.errors import CoverageError, DataQualityWarning, FileFormatError, InputError, require_type
 from radioloc.estimation.statistics import without_figures
-from radioloc.io.formats import read_in_parts, read_observations
+from radioloc.io.formats import ReadSettings, read_files, read_in_parts
 from radioloc.jobs.normal_points import IntervalSums, interval_sums
 from radioloc.jobs.one_thread import on_one_blas_thread
 from radioloc.jobs.selection import (
@@ -291,20 +290,15 @@ def read_as(study: Study, files: Sequence[str | Path], model: PhysicalModel | No
 
     Errors as :func:`radioloc.locate`.
     """
-    observations = read_observations(files, **_reading(study, model))
+    observations = read_files(files, _read_settings(study, model))
     renamed = with_target_names(observations, study.observations.target_names)
     return observations if renamed is observations else without_duplicates(renamed)
 
 
-def _reading(study: Study, model: PhysicalModel | None) -> dict[str, Any]:
-    """Return the settings of readers."""
+def _read_settings(study: Study, model: PhysicalModel | None) -> ReadSettings:
     # Delays of the model must not be subtracted a second time with those of a file.
-    return {
-        "catalogue": study.catalogue,
-        "tdm": replace(study.observations.tdm, modelled=(model or build_model(study)).delays),
-        "lunar": bool(study.points),
-        "frequencies": study.observations.frequencies,
-    }
+    tdm = replace(study.observations.tdm, modelled=(model or build_model(study)).delays)
+    return ReadSettings(study.catalogue, tdm, bool(study.points), study.observations.frequencies)
 
 
 def _normal_points(
@@ -314,10 +308,42 @@ def _normal_points(
 
     Doppler and delay rates stay as they are. Observations are read and condensed in parts.
     """
-    choice, counts, unusable = study.observations, Counter[str](), Counter[str]()
+    _require_linear_residuals(study)
+    choice, arc = study.observations, partial(_arc, study, model, places=places, orbits={})
     assert choice.normal_point_s is not None
-    choice.require_transmitters()
-    if choice.hours is not None and choice.start is None:
+    sums, chosen, counts, present = list[IntervalSums](), list[Observations](), Counter[str](), set[str]()
+    if observations is None:
+        parts = read_in_parts(_files(study), _ROWS_AT_ONCE, _read_settings(study, model))
+    else:
+        parts = _checked(observations).parts(_ROWS_AT_ONCE)
+    for part in parts:
+        present |= targets_of(part)
+        selection, left_out = _selected_part(study, part, model)
+        integrated = is_integrated(selection.kind)
+        chosen.append(selection.select(integrated))
+        counts.update(left_out)
+        if not integrated.all():
+            with step(f"condensing {int((~integrated).sum())} observations"):
+                part_sums, unusable = _sums_of_usable(
+                    arc(selection.select(~integrated)), choice.normal_point_s
+                )
+            sums.append(part_sums)
+            counts.update(unusable)
+    require_targets(present, choice.target_names)
+    if sums:
+        chosen.insert(0, _points(IntervalSums.concatenate(sums), choice.normal_point_s, arc))
+    if not chosen or (sums and not any(map(len, chosen))):
+        texts = "; ".join(f"{count} {reason}" for reason, count in counts.items()) or "the files hold none"
+        raise InputError(
+            f"no observations left ({texts}); check the target's position and frame, the stations and the files"
+        )
+    return Observations.concatenate(chosen), dict(counts)
+
+
+def _require_linear_residuals(study: Study) -> None:
+    """Refuse normal points of an orbit, whose residuals are not linear in time, and of hours without a start."""
+    study.observations.require_transmitters()
+    if study.observations.hours is not None and study.observations.start is None:
         raise InputError(
             "[observations] normal_point_s: expected start beside hours, as files are read in parts; give start"
         )
@@ -326,62 +352,45 @@ def _normal_points(
             "[observations] normal_point_s: expected targets on the Moon, got an orbit to be determined, from which "
             "residuals do not change linearly in time; leave it out"
         )
-    if observations is None:
-        parts = read_in_parts(_files(study), _ROWS_AT_ONCE, **_reading(study, model))
-    else:
-        parts = _checked(observations).parts(_ROWS_AT_ONCE)
-    sums, counted, present = list[IntervalSums](), list[Observations](), set[str]()
-    for part in parts:
-        if part.ramped.any():
-            raise InputError(
-                f"[observations] normal_point_s: expected constant frequencies, got ramps "
-                f"({part.origin(int(np.argmax(part.ramped)))}); leave it out"
-            )
-        present |= targets_of(part)
-        part = with_target_names(part, choice.target_names, complete=False)
-        mask, left_out = selected(
-            part, choice, study.catalogue, study.targets, model.sources, study.target_name, complete=False
-        )
-        counts.update(left_out)
-        integrated = is_integrated(part.kind)
-        counted.append(part.select(mask & integrated))
-        if not (mask & ~integrated).any():
-            continue
-        with step(f"condensing {int((mask & ~integrated).sum())} observations"):
-            predictor = _arc(study, model, part.select(mask & ~integrated), places, {})
-            status = without_figures(usability(predictor)[0])
-            used = status.are(USED)
-            numbers = np.bincount(status.codes, minlength=len(status.texts)).tolist()
-            unusable += Counter(dict(zip(status.texts, numbers, strict=True)))
-            del unusable[USED]
-            residual_m = predictor.observations.value_m - _computed_m(predictor)
-            item, outlier_count = interval_sums(
-                predictor.observations.select(used), residual_m[used], choice.normal_point_s
-            )
-            counts["outlier of a normal point"] += outlier_count
-            sums.append(item)
-    require_targets(present, choice.target_names)
-    total = IntervalSums.concatenate(sums) if sums else None
-    if not any(map(len, counted)) and (total is None or not len(total.number)) and unusable:
-        texts = "; ".join(f"{count} {reason}" for reason, count in unusable.items())
+
+
+def _selected_part(
+    study: Study, part: Observations, model: PhysicalModel
+) -> tuple[Observations, dict[str, int]]:
+    """Return the observations of a part that a study asks for, and the number of others by reason."""
+    if part.ramped.any():
         raise InputError(
-            f"no observations left ({texts}); check the target's position and frame, and the stations"
+            f"[observations] normal_point_s: expected constant frequencies, got ramps "
+            f"({part.origin(int(np.argmax(part.ramped)))}); leave it out"
         )
-    counts += unusable
-    if total is not None:
-        if shared_count := total.shared_count:
-            warnings.warn(
-                f"{shared_count} normal points have observations of the same link and interval in another file; copies "
-                "in different files are not found and would count twice: remove them",
-                DataQualityWarning,
-                stacklevel=2,
-            )
-        condensed, residual_m = total.points(choice.normal_point_s)
-        predictor = _arc(study, model, condensed, places, {})
-        counted.insert(0, replace(condensed, value_m=_computed_m(predictor) + residual_m))
-    if not counted:
-        raise InputError("no observations left: the files hold none; name files of observations")
-    return Observations.concatenate(counted), dict(counts)
+    choice = study.observations
+    part = with_target_names(part, choice.target_names, complete=False)
+    mask, left_out = selected(
+        part, choice, study.catalogue, study.targets, model.sources, study.target_name, complete=False
+    )
+    return part.select(mask), left_out
+
+
+def _sums_of_usable(predictor: Predictor, interval_s: float) -> tuple[IntervalSums, Counter[str]]:
+    """Return the sums of the observations that can be used, and the number of others by reason."""
+    status, residual_m = usability(predictor)[0], predictor.observations.value_m - _computed_m(predictor)
+    used = status.are(USED)
+    sums, outlier_count = interval_sums(predictor.observations.select(used), residual_m[used], interval_s)
+    unusable = Counter(without_figures(status)[~used].tolist())
+    return sums, unusable + Counter({"outlier of a normal point": outlier_count})
+
+
+def _points(sums: IntervalSums, interval_s: float, arc: Callable[[Observations], Predictor]) -> Observations:
+    """Return normal points of sums with their values predicted."""
+    if sums.shared_count:
+        warnings.warn(
+            f"{sums.shared_count} normal points have observations of the same link and interval in another file; "
+            "copies in different files are not found and would count twice: remove them",
+            DataQualityWarning,
+            stacklevel=2,
+        )
+    points, residual_m = sums.points(interval_s)
+    return replace(points, value_m=_computed_m(arc(points)) + residual_m)
 
 
 def _computed_m(predictor: Predictor) -> Floats:

@@ -8,6 +8,7 @@ from change5_case import LANDER, NOISE, RANGING, START, VLBI
 
 from radioloc.errors import DataQualityWarning, InputError
 from radioloc.io import write_observations
+from radioloc.io.formats import READERS
 from radioloc.jobs import preparation
 from radioloc.jobs.covariance import covariance
 from radioloc.jobs.locate import locate
@@ -86,6 +87,22 @@ def test_points_do_not_depend_on_the_parts_in_which_observations_are_read(study,
         assert (parts.epoch.jd == expected.epoch.jd).all()
         np.testing.assert_allclose(parts.value_m, expected.value_m, rtol=0.0, atol=1e-5)
         np.testing.assert_allclose(parts.sigma_m, expected.sigma_m, rtol=1e-9)
+
+
+def test_readers_of_other_formats_yield_parts(study, dense, tmp_path, monkeypatch):
+    write_observations(tmp_path / "dense.csv", dense)
+    reader, lengths = READERS["table of observations"], []
+
+    def in_parts(path, settings, rows_at_once):
+        for part in reader.read([path], settings).parts(rows_at_once):
+            lengths.append(len(part))
+            yield part
+
+    monkeypatch.setitem(READERS._entries, reader.name, replace(reader, in_parts=in_parts))
+    monkeypatch.setattr(preparation, "_ROWS_AT_ONCE", 3000)
+    points = prepared_arc(with_choice(study, files=(tmp_path / "dense.csv",)))[0].observations
+    assert sum(lengths) == len(dense)
+    assert len(points) == len(prepared_arc(study)[0].observations)
 
 
 def test_partials_of_many_sparse_observations_are_those_of_each(study, monkeypatch):

@@ -179,7 +179,7 @@ def _export_formats() -> Rows:
     argument("--stop UTC", "last epoch of an .oem file"),
     argument("--step SECONDS", "from state to state of an .oem file (default: 3600)", float),
     argument("--originator NAME", "agency that makes the message"),
-    argument("--target NAME", "target of a .bsp or .oem file, of several"),
+    argument("--target NAME", "target to write, of several"),
     examples=(
         "results/solution.json --out lander.geojson",
         "results/solution.json lander.bsp",

@@ -13,7 +13,13 @@ from radioloc.io.sinex import write_sinex
 from radioloc.io.spice_kernels import FIRST_SITE, write_spice
 from radioloc.plugins import Registry, entry_errors
 from radioloc.results.solution import Solution
-from radioloc.results.tables import SolutionLike, single_content, solution_table, write_table_file
+from radioloc.results.tables import (
+    SolutionLike,
+    contents_by_target,
+    single_content,
+    solution_table,
+    write_table_file,
+)
 from radioloc.text_files import require_ending
 
 
@@ -26,7 +32,7 @@ class ExportOptions:
     stop_utc: str | None = None  #: likewise
     step_s: float = 3600.0  #: interval between the states of an ephemeris message, s
     originator: str | None = None  #: agency that makes an ephemeris message
-    target: str | None = None  #: target of a format that has one, of solutions with several
+    target: str | None = None  #: target to write, of solutions with several
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,8 +54,7 @@ def _write_oem(path: Path, solutions: Sequence[SolutionLike], options: ExportOpt
         missing = " and ".join(name for name, value in names.items() if value is None)
         raise InputError(f"{path}: an ephemeris message needs {missing}")
     span = start_utc, stop_utc
-    solution = single_content(solutions, options.target)
-    return [write_oem(path, solution, *span, originator=originator, step_s=options.step_s)]
+    return [write_oem(path, single_content(solutions), *span, originator=originator, step_s=options.step_s)]
 
 
 def _write_sinex(path: Path, solutions: Sequence[SolutionLike], options: ExportOptions) -> list[Path]:
@@ -79,9 +84,7 @@ EXPORTERS = Registry(
             "SPICE kernels",
             (".bsp",),
             "SPK with the lander, and beside it a frames kernel .tf",
-            lambda path, solutions, options: write_spice(
-                path, single_content(solutions, options.target), body=options.body
-            ),
+            lambda path, solutions, options: write_spice(path, single_content(solutions), body=options.body),
         ),
         Exporter(
             "Orbit Ephemeris Message",
@@ -127,5 +130,7 @@ def export_solutions(
     """
     by_ending = {ending: exporter for exporter in EXPORTERS.values() for ending in exporter.endings}
     exporter = by_ending[require_ending(path, by_ending)]
+    options = options or ExportOptions()
+    solutions = solutions if options.target is None else contents_by_target(solutions, options.target)
     with entry_errors(f"exporter {exporter.name}", "write"):
-        return [*exporter.write(Path(path), solutions, options or ExportOptions())]
+        return [*exporter.write(Path(path), solutions, options)]

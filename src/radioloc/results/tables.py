@@ -271,8 +271,10 @@ def solution_content(result: SolutionLike) -> Mapping[str, Any]:
     return result
 
 
-def contents_by_target(results: Iterable[SolutionLike]) -> list[Mapping[str, Any]]:
+def contents_by_target(results: Iterable[SolutionLike], target: str | None = None) -> list[Mapping[str, Any]]:
     """Return the contents of ``solution.json`` for each target of solutions; the first has the references.
+
+    With the name of a `target`, only those of this target are returned.
 
     Examples
     --------
@@ -284,28 +286,32 @@ def contents_by_target(results: Iterable[SolutionLike]) -> list[Mapping[str, Any
     contents: list[Mapping[str, Any]] = []
     for content in map(solution_content, results):
         references = {key: content[key] for key in ("reference", "references") if key in content}
-        for name, target in (content.get("targets") or {}).items():
+        for name, record in (content.get("targets") or {}).items():
             named = {"name": f"{content['name']}, {name}", "target": name, "targets": {}}
-            contents.append({**content, **target, **named, "reference": None, "references": [], **references})
+            contents.append({**content, **record, **named, "reference": None, "references": [], **references})
             references = {}
         contents += [] if content.get("targets") else [content]
-    return contents
+    by_target = [
+        (canonical_target(content.get("target") or content["name"]), content) for content in contents
+    ]
+    chosen = [content for name, content in by_target if target is None or name == canonical_target(target)]
+    if contents and not chosen:
+        raise InputError(f"--target: expected {_names(contents)}, got {target}")
+    return chosen
 
 
-def single_content(results: Iterable[SolutionLike], target: str | None = None) -> Mapping[str, Any]:
-    """Return the content of ``solution.json`` for the only target of solutions, or for one of these by its name."""
+def single_content(results: Iterable[SolutionLike]) -> Mapping[str, Any]:
+    """Return the content of ``solution.json`` for the only target of solutions."""
     contents = contents_by_target(results)
-    by_name = {content.get("target") or content["name"]: content for content in contents}
-    names = ", ".join(by_name)
-    if target is not None:
-        contents = [by_name[name] for name in by_name if canonical_target(name) == canonical_target(target)]
-        if not contents:
-            raise InputError(f"--target: expected {names}, got {target}")
     if len(contents) != 1:
         raise InputError(
-            f"expected one position for this format, got {names}; give one, or a target by --target"
+            f"expected one position for this format, got {_names(contents)}; give one, or a target by --target"
         )
     return contents[0]
+
+
+def _names(contents: Iterable[Mapping[str, Any]]) -> str:
+    return ", ".join(content.get("target") or content["name"] for content in contents)
 
 
 def references_of(content: Mapping[str, Any]) -> list[Mapping[str, Any]]:

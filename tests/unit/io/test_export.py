@@ -182,6 +182,8 @@ def test_all_targets_are_exported_with_the_references_of_the_first(tmp_path, end
     assert main(["export", str(tmp_path / "solution.json"), str(out)]) == 0
     if ending == "md":
         assert "lander 5, A | lander 5, B" in out.read_text()
+        assert main(["export", str(tmp_path / "solution.json"), str(out), "--target", "b"]) == 0
+        assert "lander 5, A" not in out.read_text()
         return
     points = [f for f in json.loads(out.read_text())["features"] if f["geometry"]["type"] == "Point"]
     places = {point["properties"]["name"]: point["geometry"]["coordinates"] for point in points}

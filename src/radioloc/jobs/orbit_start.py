@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import logging
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import erfa
 import numpy as np
@@ -37,6 +37,8 @@ class OrbitPart:
     orbit: AdjustableOrbit
     sigma_m: Floats
     apriori: Floats  # parameters of the orbit: state and forces
+    free: Indices
+    step_sigmas: Floats  # of the free parameters
     target: int = 0
     # Of the orbit among the partials with respect to all motions.
     columns: slice = field(default_factory=lambda: slice(None))
@@ -47,12 +49,14 @@ class OrbitPart:
         motions[self.target] = OrbitMotion(self.orbit, x - self.apriori)
         return self.predictor.compute(motions)
 
+    def select(self, rows: Indices) -> OrbitPart:
+        """Return the part with some of the observations."""
+        return replace(self, predictor=self.predictor.select(rows), sigma_m=self.sigma_m[rows])
 
-def fitted_state(
-    part: OrbitPart, x: Floats, free: Indices, sigmas: Floats, steps: int = _MAX_STEP_COUNT
-) -> tuple[Floats, float]:
-    """Return parameters after robust steps, each within `sigmas`, and the scale of the residuals in sigmas."""
-    sigma_m = part.sigma_m
+
+def fitted_state(part: OrbitPart, x: Floats, steps: int = _MAX_STEP_COUNT) -> tuple[Floats, float]:
+    """Return parameters after robust steps, and the scale of the residuals in sigmas."""
+    sigma_m, free, sigmas = part.sigma_m, part.free, part.step_sigmas
     best, min_loss, spread = x, math.inf, math.inf
     shrink = 1.0
     step = np.zeros(len(x))
@@ -122,38 +126,25 @@ _FREE_SIGMA_SCALES = 1e6  # Sigma of a free parameter, in scales
 class StagedStart:
     """Robust fits of parts of an arc about the epoch of its orbit."""
 
-    predictor: Predictor  # of the coarse orbit
-    sigma_m: Floats
-    apriori: Floats  # parameters of the orbit: state and forces
-    free: Indices
-    step_sigmas: Floats  # of the free parameters
+    part: OrbitPart  # all observations, with the coarse orbit
     away_s: Floats  # time of each observation from the epoch; infinite for other targets
-    target: int = 0
-    # Of the orbit among the partials with respect to all motions.
-    columns: slice = field(default_factory=lambda: slice(None))
 
     @classmethod
     def from_model(cls, problem: ObservationModel, sigma_m: Floats, target: int = 0) -> StagedStart | None:
         """Return the start of a target's orbit, or ``None`` if no state is estimated."""
         parameters, orbit = problem.parameters, problem.targets[target].orbit
-        columns = problem.columns_of(target)
-        free = np.flatnonzero(parameters.free[columns])
+        free = np.flatnonzero(parameters.free[problem.columns_of(target)])
         if orbit is None or problem.targets[target].has_place or not len(free):
             return None  # a descent starts where it is known to land
         motions = list(problem.predictor.motions)
-        motions[target] = OrbitMotion(orbit.coarse())
+        coarse = orbit.coarse()
+        motions[target] = OrbitMotion(coarse)
         predictor = problem.predictor.with_motions(motions)
-        tdb = tt_to_tdb(utc_to_tt(predictor.observations.epoch))
-        return cls(
-            predictor,
-            sigma_m,
-            np.array(list(orbit.values.values())),
-            free,
-            _cartesian_sigmas(problem, target)[free],
-            np.where(predictor.target == target, np.abs(tdb.seconds_since(orbit.epoch)), np.inf),
-            target,
-            problem.motion_columns_of(target),
-        )
+        apriori, sigmas = np.array(list(orbit.values.values())), _cartesian_sigmas(problem, target)[free]
+        columns = problem.motion_columns_of(target)
+        part = OrbitPart(predictor, coarse, sigma_m, apriori, free, sigmas, target, columns)
+        since_s = tt_to_tdb(utc_to_tt(predictor.observations.epoch)).seconds_since(orbit.epoch)
+        return cls(part, np.where(predictor.target == target, np.abs(since_s), np.inf))
 
     def first_reach_s(self, usable: Mask) -> float:
         """Return the time from the epoch within which observations are fitted first."""
@@ -166,10 +157,7 @@ class StagedStart:
 
     def fitted(self, rows: Indices, x: Floats) -> Floats:
         """Return the parameters of the orbit that fit some observations, starting at x."""
-        predictor = self.predictor.select(rows)
-        orbit: AdjustableOrbit = predictor.motions[self.target].adjustable  # type: ignore[assignment]
-        part = OrbitPart(predictor, orbit, self.sigma_m[rows], self.apriori, self.target, self.columns)
-        x, spread = fitted_state(part, x, self.free, self.step_sigmas)
+        x, spread = fitted_state(self.part.select(rows), x)
         logger.info(
             "orbit within %.1f h of the epoch: %d observations, robust misfit %.3g sigmas",
             self.away_s[rows].max() / 3600.0,
@@ -195,7 +183,7 @@ def initial_orbit(problem: ObservationModel, sigma_m: Floats, usable: Mask) -> F
 
 def _fit_growing_arcs(start: StagedStart, usable: Mask) -> Floats:
     """Return the parameters of an orbit from fits of growing parts of an arc."""
-    x, reach_s = start.apriori, start.first_reach_s(usable)
+    x, reach_s = start.part.apriori, start.first_reach_s(usable)
     while True:
         x = start.fitted(start.rows_within(reach_s, usable), x)
         if reach_s >= start.away_s[usable].max():

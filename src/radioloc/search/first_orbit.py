@@ -200,8 +200,8 @@ def _fitted(orbiter: Orbiter, arc: ExactPredictor, starts: Sequence[Floats], ste
         orbit = orbiter.with_state(start).orbit(arc.model, arc.observations, ()).coarse()
         try:
             predictor = ExactPredictor(arc.model, arc.observations, orbit)
-            part = OrbitPart(predictor, orbit, sigma_m, start)
-            state, spread = fitted_state(part, start, np.arange(6), sigmas, steps)
+            part = OrbitPart(predictor, orbit, sigma_m, start, np.arange(6), sigmas)
+            state, spread = fitted_state(part, start, steps)
         except InputError as error:  # orbit below the surface
             logger.info("start without orbit: %s", error)
             continue

@@ -20,10 +20,8 @@ from radioloc.errors import RadiolocError
 from radioloc.estimation.statistics import robust_scale
 from radioloc.jobs.orbit_start import REACH_FACTOR, OrbitPart, StagedStart, fitted_state
 from radioloc.measurements.observations import Observations
-from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.registry import is_integrated
 from radioloc.measurements.target_motion import OrbitMotion
-from radioloc.targets.design import a_priori_orbits
 from radioloc.targets.orbit_state import RTN
 from radioloc.time import Epochs, tt_to_tdb, utc_strings, utc_to_tt
 from radioloc.vectors import Floats, Indices, Mask, rtn_axes
@@ -101,14 +99,14 @@ def find_manoeuvres(start: StagedStart, usable: Mask) -> list[Manoeuvre]:
     if not usable.any():
         return []
     manoeuvres = list[Manoeuvre]()
-    x, reach_s = start.apriori, start.first_reach_s(usable)
+    x, reach_s = start.part.apriori, start.first_reach_s(usable)
     while True:
         rows = start.rows_within(reach_s, usable)
         x = start.fitted(rows, x)
         manoeuvre = _find_manoeuvre(start, rows, x)
         if manoeuvre is not None:
             manoeuvres.append(manoeuvre)
-            x, usable = manoeuvre.x, usable & ~manoeuvre.separates(start.predictor.observations)
+            x, usable = manoeuvre.x, usable & ~manoeuvre.separates(start.part.predictor.observations)
         elif reach_s >= start.away_s[usable].max():
             return manoeuvres
         else:
@@ -117,7 +115,7 @@ def find_manoeuvres(start: StagedStart, usable: Mask) -> list[Manoeuvre]:
 
 def _find_manoeuvre(start: StagedStart, rows: Indices, x: Floats) -> Manoeuvre | None:
     """Return the manoeuvre that explains the residuals of some observations, or ``None``."""
-    search = _Search(start, start.predictor.select(rows), start.sigma_m[rows])
+    search = _Search(start.part.select(rows))
     guess = search.scan(x)
     if guess is None or guess.gain < _MIN_SCAN_GAIN:
         return None
@@ -145,39 +143,34 @@ class _Guess:
 class _Search:
     """Search for a manoeuvre among observations."""
 
-    start: StagedStart
-    part: Predictor
-    sigma_m: Floats
-
-    @property
-    def orbit(self) -> AdjustableOrbit:
-        """Orbit without the manoeuvre."""
-        return a_priori_orbits(self.part)[0]
+    part: OrbitPart
 
     @cached_property
     def time_s(self) -> Floats:
         """Times of the observations from the epoch of the orbit, TDB."""
-        return tt_to_tdb(utc_to_tt(self.part.observations.epoch)).seconds_since(self.orbit.epoch)
+        return tt_to_tdb(utc_to_tt(self.part.predictor.observations.epoch)).seconds_since(
+            self.part.orbit.epoch
+        )
 
     @property
     def count_s(self) -> Floats:
         """Count intervals; zero for instantaneous observations."""
-        observations = self.part.observations
+        observations = self.part.predictor.observations
         return np.where(is_integrated(observations.kind), observations.count_s, 0.0)
 
     def constants(self) -> Floats:
         """Return columns of a constant for each link and type, such as a frequency offset or a bias."""
-        observations = self.part.observations
+        observations = self.part.predictor.observations
         code = np.unique(np.stack([observations.kind, observations.link]), axis=1, return_inverse=True)[1]
-        unit = np.where(self.count_s > 0.0, self.count_s, 1.0) / self.sigma_m
+        unit = np.where(self.count_s > 0.0, self.count_s, 1.0) / self.part.sigma_m
         return np.asarray((code.ravel()[:, None] == np.arange(code.max() + 1)) * unit[:, None])
 
     def residuals(self, orbit: AdjustableOrbit, change: Floats) -> tuple[Floats, Floats]:
         """Return residuals in sigmas, and the design matrix of state (km and m/s), forces and constants."""
-        computed = self.part.compute(OrbitMotion(orbit, change))
-        design = np.hstack([computed.by_motion / self.sigma_m[:, None], self.constants()])
+        computed = self.part.predictor.compute(OrbitMotion(orbit, change))
+        design = np.hstack([computed.by_motion / self.part.sigma_m[:, None], self.constants()])
         design[:, :6] *= _STATE_SCALES
-        return (self.part.observations.value_m - computed.value_m) / self.sigma_m, design
+        return (self.part.predictor.observations.value_m - computed.value_m) / self.part.sigma_m, design
 
     def has_similar_neighbours(self, ratio: Floats) -> Mask:
         """Return False for outliers among their neighbours of the same link."""
@@ -192,7 +185,7 @@ class _Search:
 
     def scan(self, x: Floats) -> _Guess | None:
         """Return the impulse with the smallest residuals of a linearized fit of orbit and impulse."""
-        ratio, design = self.residuals(self.orbit, x - self.start.apriori)
+        ratio, design = self.residuals(self.part.orbit, x - self.part.apriori)
         rows = np.flatnonzero(self.has_similar_neighbours(ratio))
         rows = rows[np.argsort(self.time_s[rows])]
         time_s, ratio, design = self.time_s[rows], ratio[rows], design[rows]
@@ -212,7 +205,7 @@ class _Search:
             """Return sums over the observations after each time of the scan."""
             return np.asarray(np.cumsum(terms[::-1], axis=0)[::-1][np.searchsorted(time_s, scan_s)])
 
-        orbit = self.orbit.corrected(x - self.start.apriori)
+        orbit = self.part.orbit.corrected(x - self.part.apriori)
         transition = orbit.partials(orbit.epoch.shifted(scan_s))[:, :, :6]
         kick = np.linalg.inv(transition)[:, :, 3:] / _STATE_SCALES[:, None]
         kick_transposed = np.swapaxes(kick, 1, 2)
@@ -243,24 +236,26 @@ class _Search:
         """Integrate the impulse and adjust its time; ``None`` without a significant gain over the plain orbit."""
         time_s, delta_v, x = guess.time_s, guess.delta_v_m_s, guess.x
         count = len(x)
-        free = np.concatenate([self.start.free, count + np.arange(3)])
-        sigmas = np.concatenate([self.start.step_sigmas, np.ones(3)])
-        apriori = np.concatenate([self.start.apriori, np.zeros(3)])
+        free = np.concatenate([self.part.free, count + np.arange(3)])
+        sigmas = np.concatenate([self.part.step_sigmas, np.ones(3)])
+        apriori = np.concatenate([self.part.apriori, np.zeros(3)])
 
         def orbit_with_impulse(epoch_s: float) -> AdjustableOrbit:
-            impulse = Impulse(_NAME, self.orbit.epoch.shifted([epoch_s]), axes="ICRF")
+            impulse = Impulse(_NAME, self.part.orbit.epoch.shifted([epoch_s]), axes="ICRF")
             return replace(
-                self.orbit,
-                forces=replace(self.orbit.forces, impulses=(*self.orbit.forces.impulses, impulse)),
-                parameters=(*self.orbit.parameters, *impulse.names()),
+                self.part.orbit,
+                forces=replace(self.part.orbit.forces, impulses=(*self.part.orbit.forces.impulses, impulse)),
+                parameters=(*self.part.orbit.parameters, *impulse.names()),
                 integrated=[],
             )
 
         first_s, last_s = self.time_s.min() + 1.0, self.time_s.max() - 1.0
         for k in range(_ROUND_COUNT):
             orbit = orbit_with_impulse(time_s)
-            part = OrbitPart(self.part, orbit, self.sigma_m, apriori)
-            y, spread = fitted_state(part, np.concatenate([x, delta_v]), free, sigmas)
+            part = replace(
+                self.part, orbit=orbit, apriori=apriori, free=free, step_sigmas=sigmas, columns=slice(None)
+            )
+            y, spread = fitted_state(part, np.concatenate([x, delta_v]))
             x, delta_v = y[:count], y[count:]
             ratio, design = self.residuals(orbit, y - apriori)
             later = ratio - self.residuals(orbit_with_impulse(time_s + _DIFFERENCE_S), y - apriori)[0]
@@ -275,7 +270,7 @@ class _Search:
             )
             if abs(shift_s) < max(0.1, 0.1 * sigma_s):
                 break
-        plain_ratio, plain_design = self.residuals(self.orbit, plain - self.start.apriori)
+        plain_ratio, plain_design = self.residuals(self.part.orbit, plain - self.part.apriori)
         plain_residuals, _, _ = _least_squares(plain_design[rows], plain_ratio[rows])
         gain = (
             float(plain_residuals @ plain_residuals / (residuals @ residuals))

@@ -221,7 +221,7 @@ def _with_manoeuvres(result: SearchResult, observations: Observations | None) ->
     start = StagedStart.from_model(problem.model, problem.noise.sigma_m)
     if start is None:
         return result
-    manoeuvres = find_manoeuvres(start, usability(start.predictor)[0].are(USED))
+    manoeuvres = find_manoeuvres(start, usability(start.part.predictor)[0].are(USED))
     stated = orbiter.forces.impulses
     impulses = [
         Impulse(f"found_{len(stated) + k}", item.epoch, tuple(item.delta_v_m_s.round(6).tolist()))

@@ -70,7 +70,7 @@ def fit(path: Path) -> None:
         warnings.simplefilter("ignore", radioloc.errors.RadiolocWarning)
         arc, left_out = prepared_arc(study, observations)
         times.append((time.perf_counter(), time.process_time()))
-        solution = fit_arc(study, arc, left_out, study.estimate)
+        solution = fit_arc(study, arc, left_out)
         times.append((time.perf_counter(), time.process_time()))
     peak_kb = _peak_kb()
     wall_s, processor_s = (np.diff([at[k] for at in times]) for k in (0, 1))

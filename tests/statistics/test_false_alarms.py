@@ -20,7 +20,7 @@ def test_at_most_one_of_a_hundred():
     messages = []
     for seed in range(DRAWS):
         drawn = world.draw(seed=seed, draw_errors=True).observations
-        solution = fit_arc(study, arc.with_values(drawn.value_m), left_out, study.estimate)
+        solution = fit_arc(study, arc.with_values(drawn.value_m), left_out)
         assert solution.converged
         messages += [str(item) for item in solution.consistency.findings[:1]]
     assert len(messages) <= 1, messages

@@ -462,10 +462,10 @@ def test_light_times_of_nothing_or_of_two_places_are_refused(capsys, arguments, 
     ],
 )
 def test_warnings_of_the_library_are_single_lines_said_once(category, texts, pattern, run, monkeypatch):
-    def warns(*arguments):
+    def warns(*arguments, **keywords):
         for text in texts:
             warnings.warn(text, category, stacklevel=1)
-        return fit_arc(*arguments)
+        return fit_arc(*arguments, **keywords)
 
     fit_arc = locate.fit_arc
     monkeypatch.setattr(locate, "fit_arc", warns)

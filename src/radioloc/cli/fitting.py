@@ -86,7 +86,7 @@ def _solution(options: argparse.Namespace, path: Path, *, fitted: bool) -> radio
 
     study = radioloc.read_study(path)
     predictor, left_out = prepared_arc(study)
-    solution = fit_arc(study, predictor, left_out, study.estimate if fitted else None)
+    solution = fit_arc(study, predictor, left_out, fixed=not fitted)
     if options.out is not None:
         prior = study.estimate.height_prior
         dem = prior.terrain if fitted and isinstance(prior, TerrainPrior) else None

@@ -109,7 +109,6 @@ class ComparedTarget:
         """Return the comparison of estimates linearized at x, where errors outside the weights change the truth."""
         problem, by_drawn = part.problem, self.drawn_moves(part, names)
         model, reported = problem.model, problem.reported_count
-        assert problem.choice is not None
         if not self.compares_states:
             place_m, enu_pa = self._true_place(part, x)
             return Compared(

@@ -54,7 +54,7 @@ from radioloc.progress import step
 from radioloc.results.build import AssessedFit, assess_fit, compare_with
 from radioloc.results.estimate import LocatedEstimate, TargetPosition
 from radioloc.results.solution import Solution
-from radioloc.study.study import EstimateChoice, Study
+from radioloc.study.study import Study
 from radioloc.study.study_file import as_study
 from radioloc.targets.design import ObservationModel
 from radioloc.targets.doubts import FittedObservations
@@ -94,7 +94,7 @@ def locate(
     (True, 153)
     """
     study = with_model_of_caller(as_study(study), model)
-    return fit_arc(study, *prepared_arc(study, observations, model=model), study.estimate)
+    return fit_arc(study, *prepared_arc(study, observations, model=model))
 
 
 def compute_residuals(
@@ -111,15 +111,15 @@ def compute_residuals(
     (153,)
     """
     study = with_model_of_caller(as_study(study), model)
-    return fit_arc(study, *prepared_arc(study, observations, model=model), None)
+    return fit_arc(study, *prepared_arc(study, observations, model=model), fixed=True)
 
 
 @on_one_blas_thread()
 def fit_arc(
-    study: Study, predictor: Predictor, not_selected: dict[str, int], estimate: EstimateChoice | None
+    study: Study, predictor: Predictor, not_selected: dict[str, int], *, fixed: bool = False
 ) -> Solution:
-    """Fit a prepared arc; without `estimate` nothing is estimated."""
-    return solve(EstimationProblem.from_study(study, predictor, estimate), not_selected)
+    """Fit a prepared arc; if `fixed`, nothing is estimated."""
+    return solve(EstimationProblem.from_study(study, predictor, study.estimate, fixed=fixed), not_selected)
 
 
 @on_one_blas_thread()
@@ -139,9 +139,7 @@ def solve(problem: EstimationProblem, not_selected: dict[str, int], *, consisten
             consistency=_with_mistakes(fitted, assessed, mistake, converged),
             notes=_notes(fitted, assessed.estimate, not_selected, doubts, converged),
             limitations=model_limitations(fitted.model.predictor),
-            provenance=provenance(
-                problem.study, fitted.model.predictor, not_selected, problem.choice, fitted.motions
-            ),
+            provenance=provenance(problem, fitted.model.predictor, not_selected, fitted.motions),
         )
 
 
@@ -191,7 +189,7 @@ def _fit(problem: EstimationProblem) -> _Fit:
     )
     # The effects of gravity errors on an orbit take seconds; the parameters' sigmas and those over the arc share them.
     orbits = problem.orbits_with_gravity_errors(edited.fit.x)
-    if problem.choice is not None and problem.choice.weights == "correlated":
+    if problem.choice.weights == "correlated" and not problem.is_fixed:
         edited = fit_with_correlated_weights(model.linearize, edited, problem.order)
     unadjusted = problem.unadjusted_errors(model, edited.fit.x, orbits)
     return _Fit(problem, model, edited, stochastic, orbits, unadjusted)
@@ -200,7 +198,7 @@ def _fit(problem: EstimationProblem) -> _Fit:
 def _assess(fitted: _Fit, consistency: bool) -> AssessedFit:
     """Return the reported estimate, residuals and consistency tests of a fit."""
     problem, model, edited, x = fitted.problem, fitted.model, fitted.edited, fitted.x
-    estimate, predictor = problem.choice, model.predictor
+    predictor = model.predictor
     observations, constants = predictor.observations, predictor.model.ephemeris.constants
     residuals = Residuals(
         epoch_utc=observations.epoch,
@@ -228,7 +226,7 @@ def _assess(fitted: _Fit, consistency: bool) -> AssessedFit:
         residuals,
         considered=fitted.unadjusted,
         candidates=problem.fixed_parameter_errors(model, x, fitted.orbits)
-        if consistency and estimate
+        if consistency and not problem.is_fixed
         else NO_ERRORS,
         stated_m=problem.noise.sigma_m,
         consistency=consistency,
@@ -238,7 +236,7 @@ def _assess(fitted: _Fit, consistency: bool) -> AssessedFit:
         position_pa_m=positions[0].position_pa_m,
         position_partials=positions[0].position_partials,
         rot_pa_to_me=rot_pa_to_me(constants),
-        ephemeris_sigma_enu_m=np.zeros(3) if estimate is None else np.array(estimate.ephemeris_sigma_m),
+        ephemeris_sigma_enu_m=np.array(problem.choice.ephemeris_sigma_m),
         trajectory=None if places else ", ".join(map(str, trajectories)),
         targets=tuple(positions) if len(places) > 1 else (),
     )
@@ -247,7 +245,7 @@ def _assess(fitted: _Fit, consistency: bool) -> AssessedFit:
 def _doubts(fitted: _Fit) -> list[Doubt]:
     """Return reasons why the estimate cannot be used although the fit converged."""
     problem, model, edited = fitted.problem, fitted.model, fitted.edited
-    if problem.choice is None:
+    if problem.is_fixed:
         return []
     doubts = [*misfits(edited, with_considered(problem.noise.sigma_m, fitted.unadjusted), problem.order)]
     usable, fit = edited.initial_status.are(USED), edited.fit
@@ -302,12 +300,11 @@ def _notes(
 ) -> tuple[str, ...]:
     """Return all notes: mistaken stations, data and model, searches that help."""
     problem, predictor = fitted.problem, fitted.model.predictor
-    study, choice, prior_motions = problem.study, problem.choice, problem.prior_motions
-    notes = [*coordinate_doubts(predictor, prior_motions, fitted.edited.fit.used, doubts)]
-    notes += study_notes(study, predictor, not_selected, choice, fitted.edited, estimate.consider.parameters)
+    notes = [*coordinate_doubts(predictor, problem.prior_motions, fitted.edited.fit.used, doubts)]
+    notes += study_notes(problem, predictor, not_selected, fitted.edited, estimate.consider.parameters)
     notes += problem.notes
-    if choice is not None:
-        notes += search_hints(study, estimate, _moved_m(fitted), converged=converged)
+    if not problem.is_fixed:
+        notes += search_hints(problem.study, estimate, _moved_m(fitted), converged=converged)
     return tuple(notes)
 
 
@@ -338,7 +335,7 @@ def _estimate(
 ) -> tuple[EditedFit, StochasticProblem | None]:
     """Return the edited fit, and its problem if an orbit has stochastic accelerations."""
     model, estimate = problem.model, problem.choice
-    if estimate is None:
+    if problem.is_fixed:
         fit = fit_with_editing(
             model.linearize, model.parameters, problem.noise, status=status, threshold=None
         )

@@ -115,7 +115,7 @@ def find_mistake(
     A fit without doubts and findings is examined only if it does not use most of a series.
     """
     edited, findings = assessed.edited, assessed.consistency.findings
-    if problem.choice is None or problem.has_process_noise:
+    if problem.is_fixed or problem.has_process_noise:
         return None
     if edited.converged and not (doubts or findings) and not _is_mostly_unused(problem, edited.fit.used):
         return None
@@ -293,8 +293,7 @@ class _Predictions:
         return self.models[id(corrected)]
 
     def _prepared(self, corrected: Observations | None) -> ObservationModel | None:
-        predictor, estimate = self.predictor, self.problem.choice
-        assert estimate is not None  # checked by the caller
+        predictor = self.predictor
         try:
             if corrected is not None:
                 predictor = prepare_predictor(
@@ -306,7 +305,7 @@ class _Predictions:
                     predictor.more_partials,
                 )
             return EstimationProblem.from_study(
-                self.problem.study, predictor, estimate.restricted_to(predictor)
+                self.problem.study, predictor, self.problem.choice.restricted_to(predictor)
             ).model
         except RadiolocError:  # such as an epoch before the first one of a table
             return None

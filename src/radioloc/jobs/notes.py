@@ -15,6 +15,7 @@ from radioloc.earth.eop_prediction import orientation_errors
 from radioloc.earth.stations import Station
 from radioloc.estimation.consider import owner
 from radioloc.estimation.editing import EditedFit
+from radioloc.jobs.problem import EstimationProblem
 from radioloc.kernels.files import sha256_of
 from radioloc.measurements.chebyshev_predictor import ChebyshevPredictor
 from radioloc.measurements.evaluation import second_tropospheres
@@ -53,14 +54,14 @@ _RECORDED_KEYS = (
 
 
 def study_notes(
-    study: Study,
+    problem: EstimationProblem,
     predictor: Predictor,
     not_selected: dict[str, int],
-    estimate: EstimateChoice | None,
     fitted: EditedFit,
     considered: ParameterSet,
 ) -> list[str]:
     """Return all notes of a result, warnings first."""
+    study, estimate = problem.study, problem.choice
     notes = spacecraft_doubts(study, predictor.observations, predictor.model)
     if weights := study.observations.weights:
         notes.append(f"sigmas changed: {'; '.join(map(str, weights))}")
@@ -69,7 +70,7 @@ def study_notes(
     parameters = fitted.fit.parameters
     estimated = {item.kind for item in parameters if item.role is not Role.CONSIDERED}
     notes += planning_notes(predictor, not_selected, [*parameters, *considered])
-    if estimate is None:
+    if problem.is_fixed:
         return notes
     kinds = {item.kind for item in considered}
     in_sigma = any(estimate.ephemeris_sigma_m) or "moon_position" in kinds or "libration" in kinds
@@ -273,18 +274,14 @@ def _extrapolation_note(table: EopTable, mjd_utc: Floats) -> Iterator[str]:
 
 
 def provenance(
-    study: Study,
-    predictor: Predictor,
-    not_selected: dict[str, int],
-    estimate: EstimateChoice | None,
-    motions: Motions,
+    problem: EstimationProblem, predictor: Predictor, not_selected: dict[str, int], motions: Motions
 ) -> dict[str, Any]:
     """Return versions, files, choices and kernels of a fit, and how observations at its estimate were computed."""
+    study, height = problem.study, problem.choice.height_prior
     evaluation: dict[str, Any] = {"kind": "exact"}
     if isinstance(simple := predictor.uncombined, ChebyshevPredictor):
         evaluation = {"kind": "interpolated", **asdict(simple.check(motions))}
     model, chosen = predictor.model, study.model
-    height = None if estimate is None else estimate.height_prior
     single_files = {"vmf3_orography": chosen.vmf3_orography, "gpt3": chosen.gpt3}
     troposphere = {"vmf3": chosen.vmf3} | {
         key: () if path is None else (path,) for key, path in single_files.items()
@@ -297,7 +294,7 @@ def provenance(
         "not_selected": not_selected,
         **{key: getattr(study.observations, key) for key in _RECORDED_KEYS},
         "weights": [weight.record() for weight in study.observations.weights],
-        "estimate": None if estimate is None else _estimate_record(estimate),
+        "estimate": None if problem.is_fixed else _estimate_record(problem.choice),
         "terrain_resolution_m": height.terrain.metadata.resolution_m
         if isinstance(height, TerrainPrior)
         else None,

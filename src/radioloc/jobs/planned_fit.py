@@ -135,7 +135,7 @@ class PlannedFit:
             partials @ covariance @ np.swapaxes(partials, -1, -2),
             prior_effects(fit),
             consider_effects,
-            np.zeros(3) if part.problem.choice is None else np.array(part.problem.choice.ephemeris_sigma_m),
+            np.array(part.problem.choice.ephemeris_sigma_m),
             self._direct_effects_m(target, state, consider_effects),
         )
         return PlannedArc(part.hours, part.span_h, count, sources, (), axes, state)

@@ -61,47 +61,51 @@ class EstimationProblem:
 
     study: Study
     predictor: Predictor  # with the observations
-    choice: EstimateChoice | None  # None: all parameters are fixed at their a-priori values
+    choice: EstimateChoice
     model: ObservationModel  # targets and adjusted parameters, nuisance parameters last
     noise: ObservationCovariance  # R as stated
     order: SeriesOrder  # observations by series and time
     unadjusted_blocks: tuple[ParameterBlock, ...]  # systematic errors that are not adjusted
     notes: tuple[str, ...]  # on systematic errors
+    is_fixed: bool  # whether all parameters are fixed at their a-priori values
 
     @classmethod
     def from_study(
         cls,
         study: Study,
         predictor: Predictor,
-        choice: EstimateChoice | None,
+        choice: EstimateChoice,
         noise: ObservationCovariance | None = None,
+        *,
+        fixed: bool = False,
     ) -> EstimationProblem:
         """Assemble the problem of a study's arc, by default with the stated noise; nothing is estimated here."""
         considered, notes = dict[str, ParameterBlock](), list[str]()
-        if choice is not None:
+        if fixed:
+            choice = choice.without_estimates()
+        else:
             choice = _with_clock_epoch(with_independent_clocks(study, choice, predictor), predictor)
             rows = ObservationRows(predictor.uncombined)
             choices, notes = _considered_choices(study, rows, choice)
             considered = _parameter_blocks("[consider]", choices, rows, Role.CONSIDERED, choice.pass_gap_h)
         adjusted = [block for name, block in considered.items() if name not in study.suboptimal]
         unadjusted = tuple(block for name, block in considered.items() if name in study.suboptimal)
-        model_choice = study.estimate.without_estimates() if choice is None else choice
-        targets = build_targets(study, predictor, model_choice)
-        model = observation_model(predictor, targets, model_choice, adjusted)
-        if choice is not None and not any(item.role is Role.ESTIMATED for item in model.parameters):
+        targets = build_targets(study, predictor, choice)
+        model = observation_model(predictor, targets, choice, adjusted)
+        if not fixed and not any(item.role is Role.ESTIMATED for item in model.parameters):
             raise InputError(
                 'nothing to estimate: [estimate] position is "none", and no other parameter is chosen; '
                 "use `radioloc residuals` to see residuals at the given position"
             )
         noise = observation_covariance(study, predictor) if noise is None else noise
         order = _series_order(predictor.observations)
-        return cls(study, predictor, choice, model, noise, order, unadjusted, tuple(notes))
+        return cls(study, predictor, choice, model, noise, order, unadjusted, tuple(notes), fixed)
 
     def select(self, rows: Indices) -> EstimationProblem:
         """Return the problem of some observations, without parameters that act on none of them."""
         predictor = self.predictor.select(rows)
-        choice = None if self.choice is None else self.choice.restricted_to(predictor)
-        return EstimationProblem.from_study(self.study, predictor, choice, self.noise.select(rows))
+        choice, noise = self.choice.restricted_to(predictor), self.noise.select(rows)
+        return EstimationProblem.from_study(self.study, predictor, choice, noise, fixed=self.is_fixed)
 
     @property
     def prior_motions(self) -> Motions:

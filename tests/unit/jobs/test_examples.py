@@ -126,7 +126,7 @@ def test_lander_tracked_by_the_deep_space_network_is_found():
     study = radioloc.read_study(EXAMPLES / "dsn" / "lander.toml")
     arc, left_out = prepared_arc(study)
     assert left_out == {"left over from averages of Doppler over 60 s": 6}
-    solution = fit_arc(study, arc, left_out, study.estimate)
+    solution = fit_arc(study, arc, left_out)
     assert solution.converged
     content = solution.to_dict()
     assert content["reference"]["combined_sigmas"] < 3.0

@@ -226,7 +226,8 @@ class Observations:
         Raises
         ------
         InputError
-            A column is missing, unknown or of another unit, or has an invalid value; the message has the row, from 1.
+            A column is missing, unknown or of another unit, or has an invalid value; the message has the row, or the
+            line of a file, from 1.
 
         Warns
         -----

@@ -346,6 +346,9 @@ def columns_of_table(
     catalogue: StationCatalogue,
 ) -> dict[str, Any]:
     """Return the arguments of :meth:`Observations.from_columns` from those of :meth:`Observations.from_table`."""
+    origin, line = _TABLE, None
+    if isinstance(table, str | Path):
+        origin, (table, line) = str(table), _read_csv(table)
     table_columns = _columns_in_memory(table)
     names = _chosen(table_columns, columns)
     units = dict(units or {})
@@ -366,9 +369,9 @@ def columns_of_table(
     single = [
         FILE_COLUMNS.get(k, k) for k, name in names.items() if is_single_precision(table_columns[name][0])
     ]
-    reader = ColumnReader(_TABLE, catalogue, single_precision=single)
+    reader = ColumnReader(origin, catalogue, single_precision=single)
     if n:
-        reader.read(arrays, np.arange(1, n + 1, dtype=np.int32))
+        reader.read(arrays, np.arange(1, n + 1, dtype=np.int32) if line is None else line)
     return reader.columns()
 
 
@@ -381,24 +384,26 @@ def _filled(column: str, form: str, table_columns: Mapping[str, Any]) -> NDArray
     return np.array([form.format(**dict(zip(names, row, strict=True))) for row in rows])
 
 
-def _read_csv(path: str | Path) -> Any:
-    """Return a file with a line of names and columns between commas, semicolons or tabs as an Arrow table."""
+def _read_csv(path: str | Path) -> tuple[Any, NDArray[np.int32]]:
+    """Return a file with a line of names and columns between commas, semicolons or tabs, and the lines of its rows."""
     from pyarrow import ArrowInvalid, BufferReader, csv
 
-    lines = [line for line in read_text(path).split("\n") if line.strip() and line[0] != "#"]
+    lines = {
+        k: line for k, line in enumerate(read_text(path).split("\n"), 1) if line.strip() and line[0] != "#"
+    }
     if not lines:
         raise FileFormatError(path, "has no line that names columns")
-    options = csv.ParseOptions(delimiter=max(",;\t", key=lines[0].count))
+    heading, *rows = lines
+    options = csv.ParseOptions(delimiter=max(",;\t", key=lines[heading].count))
     try:
-        return csv.read_csv(BufferReader("\n".join(lines).encode()), parse_options=options)
+        table = csv.read_csv(BufferReader("\n".join(lines.values()).encode()), parse_options=options)
     except ArrowInvalid as error:
         raise FileFormatError(path, f"cannot be read as a table ({error})") from None
+    return table, np.array(rows, dtype=np.int32)
 
 
 def _columns_in_memory(table: Any) -> dict[str, tuple[Any, str]]:
     """Return columns by name, with the units of the table."""
-    if isinstance(table, str | Path):
-        table = _read_csv(table)
     if hasattr(table, "__arrow_c_stream__"):
         import pyarrow
 

@@ -204,6 +204,10 @@ def test_file_with_columns_of_its_own(tmp_path):
     assert observations.epoch.fraction == pytest.approx(epochs_from_strings(DATES, "UTC").fraction, abs=1e-15)
     with pytest.raises(InputError, match="got 'station'"):
         Observations.from_table(path, path="{station}>lander>{site}", **settings)
+    path.write_text(path.read_text().replace("765400.20025", "inf"), encoding="utf-8")
+    with pytest.raises(FileFormatError, match=r"own\.csv") as caught:
+        Observations.from_table(path, path="{site}>lander>{site}", **settings)
+    assert caught.value.line == 4
 
 
 @pytest.mark.parametrize("header", ["time,rho,err", "epoch_utc,type,path,rho"])

@@ -274,7 +274,7 @@ class RestrictedLikelihood:
         effects = axes.T @ grams @ axes
         series_squares, series_axes = np.linalg.eigh(effects)
         max_columns = int((series_squares > _MIN_SERIES_CHI2).sum(axis=1).max(initial=0))
-        absorbed = np.trace(np.linalg.solve(np.eye(effects.shape[1]) + effects, effects), axis1=1, axis2=2)
+        absorbed = (series_squares / (1.0 + series_squares)).sum(axis=1)  # trace of (I + E)^-1 E
         length = np.diff(points.begin)[series_indices]
         is_long = (length - absorbed >= MIN_POINTS_LEFT) & (points.squares[series_indices] > 0.0)
         long = np.flatnonzero(is_long).tolist()
@@ -327,7 +327,7 @@ class RestrictedLikelihood:
             turned = self.turned if self.jointly else self.turned[..., :0]
             log_determinant, series_log_determinant, white, loss = likelihood_grid(
                 *(self.step_s, tau_s, mean, ratio, self.gain, self.columns, np.ascontiguousarray(turned)),
-                np.stack([dof[:, 0], self.binned, self.bin_squares]),
+                np.array([dof[:, 0], self.binned, self.bin_squares]),
             )
         else:
             log_determinant, series_log_determinant, white, loss = self._terms(tau_s, part, ratio, dof)
@@ -446,7 +446,8 @@ def _adopted_noise(
     for likelihood in likelihoods:
         is_short = np.array([k in kind_of for k in likelihood.indices.tolist()])
         if is_short.any():
-            short_series = replace(likelihood.select(is_short), jointly=False)
+            chosen = likelihood if is_short.all() else likelihood.select(is_short)
+            short_series = replace(chosen, jointly=False)
             mean = means[kind_of[int(short_series.indices[0])]]
             log, *_ = short_series.evaluate(np.array([mean.correlation_time_s]), np.array([mean.ratio]))
             white_indices |= set(short_series.indices[log[:, 0] <= -_LOG_BAYES_FACTOR_WHITE].tolist())

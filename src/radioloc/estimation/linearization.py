@@ -323,6 +323,8 @@ class LinearProblem:
         """Residual function of residuals (n,) at the values `x`, m."""
 
         def linearized(x: Floats) -> OrthonormalLinearization:
+            if np.array_equal(x, self.x):
+                return OrthonormalLinearization(self, residual_m)
             # Summed by numpy itself: the result does not depend on the number of threads
             step_residual_m = residual_m - np.einsum("np,p->n", self.partials, x - self.x)
             return OrthonormalLinearization(self, step_residual_m)
@@ -354,16 +356,15 @@ class OrthonormalLinearization:
         else:
             linked = whitening if isinstance(whitening, LinkedWhitener) else None
             if self.whitened is not None and linked is not None and linked.filter is not None:
-                parts, grams = self._filtered(linked, linked.filter, self.whitened)
+                parts, residuals, grams = self._filtered(linked, linked.filter, self.whitened)
             else:
-                residual_m = self.residual_m[:, None]
-                parts = list(whitening.whitened(lambda rows: np.hstack([basis[rows], residual_m[rows]])))
+                parts = list(whitening.whitened(lambda rows: basis[rows]))
+                residuals = list(whitening.whitened(column(self.residual_m)))
                 grams = [gram(part, part) for part in parts]
-            sums = sum(grams, np.zeros((len(from_free) + 1,) * 2))
-            normal, side = sums[:-1, :-1], sums[:-1, -1]
-            whitened_partials = WhitenedPartials(
-                tuple(part[:, :-1] for part in parts), from_free, tuple(item[:-1, :-1] for item in grams)
-            )
+            normal, side = sum(grams, np.zeros_like(from_free)), np.zeros(len(from_free))
+            for part, residual in zip(parts, residuals, strict=True):
+                side += gram(part, residual)[:, 0]
+            whitened_partials = WhitenedPartials(tuple(parts), from_free, tuple(grams))
         values, axes = np.linalg.eigh(normal)
         root = np.sqrt(np.maximum(values, 0.0))
         right_side = np.divide(axes.T @ side, root, out=np.zeros(len(root)), where=values > _MIN_INFORMATION)
@@ -371,25 +372,25 @@ class OrthonormalLinearization:
 
     def _filtered(
         self, whitening: LinkedWhitener, kalman: KalmanFilter, stated: WhitenedPartials
-    ) -> tuple[list[Floats], list[Floats]]:
-        """Parts of partials and residuals that a filter whitens further, and products of the parts with themselves."""
-        residuals = StructuredWhitener(len(self.residual_m), whitening.structures)
-        state = np.zeros((kalman.gain.shape[1], len(stated.from_free) + 1))
-        parts, grams, begin = list[Floats](), list[Floats](), 0
-        for part, part_gram, residual in zip(
-            stated.parts, stated.grams, residuals.whitened(column(self.residual_m)), strict=True
-        ):
-            rows, values = slice(begin, begin := begin + len(part)), np.hstack([part, residual])
+    ) -> tuple[list[Floats], list[Floats], list[Floats]]:
+        """Parts of partials and residuals that a filter whitens further, and products of partials with themselves."""
+        structures = StructuredWhitener(len(self.residual_m), whitening.structures)
+        parts, residuals = list(stated.parts), list(structures.whitened(column(self.residual_m)))
+        grams, begin = list(stated.grams), 0
+        states = [np.zeros((kalman.gain.shape[1], width)) for width in (len(stated.from_free), 1)]
+        for k, part in enumerate(parts):
+            rows = slice(begin, begin := begin + len(part))
             scale = kalman.scale[rows]
             if kalman.gain[rows].any() or np.ptp(scale) > 0.0:
-                values = kalman.innovations(values, rows, state)
-                grams.append(gram(values, values))
+                parts[k], residuals[k] = (
+                    kalman.innovations(columns, rows, state)
+                    for columns, state in zip((part, residuals[k]), states, strict=True)
+                )
+                grams[k] = gram(parts[k], parts[k])
             else:  # all errors are independent, with sigmas that are larger by one factor
-                values *= scale[0]
-                side = gram(values, values[:, -1:])
-                grams.append(np.block([[scale[0] ** 2 * part_gram, side[:-1]], [side.T]]))
-            parts.append(values)
-        return parts, grams
+                parts[k], residuals[k] = scale[0] * part, scale[0] * residuals[k]
+                grams[k] = scale[0] ** 2 * grams[k]
+        return parts, residuals, grams
 
 
 def gram(a: Floats, b: Floats) -> Floats:

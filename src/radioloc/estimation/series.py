@@ -7,6 +7,7 @@ serve for all epochs at which the same baselines were observed, so that a combin
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -100,8 +101,13 @@ class IndependentSeries(StructuredWhitener):
     def bins(self) -> tuple[Codes, Indices, Floats]:
         """Bin of each combination, (N,); first bin of each series, and their count, (s + 1,); durations, s, (s,)."""
         place, begin, width_s = np.empty(len(self.number), dtype=np.int32), [0], []
+        series_s, of_series, duration_s = np.zeros(0), np.zeros(0, dtype=np.intp), 0.0
         for indices in self.of_each:
-            of_series, duration_s = bins(self.time_s[indices], MAX_POINTS)
+            if not np.array_equal(
+                series_s, self.time_s[indices]
+            ):  # combinations have the times of their blocks
+                series_s = self.time_s[indices]
+                of_series, duration_s = bins(series_s, MAX_POINTS)
             place[indices] = begin[-1] + of_series
             begin.append(begin[-1] + int(of_series[-1]) + 1)
             width_s.append(duration_s)
@@ -373,14 +379,15 @@ def _stable_principal_axes(axes: Floats, part: Indices) -> Floats:
     # Any rotation of them is as good, but noise is sought along each, so another one gives other sigmas. One after the
     # other takes all that is left in the part of the next observation, so an error of the first is in one of them.
     out = np.empty_like(axes)
-    for k in np.unique(part).tolist():
+    for k in range(1, int(part[-1]) + 1):
         part_axes = axes[:, part == k]
         projection = part_axes @ part_axes.T
         for column in np.flatnonzero(part == k).tolist():
-            squares = np.diag(projection)
+            squares = projection.diagonal()
             chosen = int(np.argmax(squares > _MIN_REMAINING_FRACTION * squares.max()))
-            out[:, column] = projection[:, chosen] / np.sqrt(squares[chosen])
-            projection = projection - np.outer(out[:, column], out[:, column])
+            axis = projection[:, chosen] / math.sqrt(squares[chosen])
+            projection = projection - axis[:, None] * axis
+            out[:, column] = axis
     return out
 
 

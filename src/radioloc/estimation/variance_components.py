@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from radioloc.estimation.editing import THRESHOLD, EditedFit, fit_with_editing
 from radioloc.estimation.least_squares import FitResult
@@ -27,7 +27,7 @@ from radioloc.noise.covariance import ObservationCovariance, White
 from radioloc.noise.whitening import column
 from radioloc.parameters.parameter import ParameterSet
 from radioloc.quantities import accepts_quantities
-from radioloc.vectors import Floats, Mask
+from radioloc.vectors import Floats, Indices, Mask
 
 _MAX_ROUND_COUNT = 60  # the components of a biased station of strong weight settle slowly, within 30
 _MAX_SPLIT_COUNT = 10  # largest number of stations and links with a component of their own
@@ -79,7 +79,7 @@ def fit_with_variance_components(
         divided = split(edited.fit, order, groups, edited.additive_sigma_m) if edited.is_at_minimum else None
         if divided is None:
             break
-        groups, edited = divided, problem.settled(edited, divided, groups)
+        groups, edited = divided, problem.settled(edited, divided)
     return problem.with_shared(edited, order, groups)
 
 
@@ -125,16 +125,9 @@ class _Problem:
         shared_fit = replace(self, stated=shared_noise[0]).fit_with(np.zeros(len(delay_sigma_m)), edited)
         return replace(shared_fit, additive_sigma_m=edited.additive_sigma_m, shared_sigma_m=shared_noise[1])
 
-    def settled(self, edited: EditedFit, groups: Labels, divided: Labels | None = None) -> EditedFit:
-        """Iterate fits and components of groups from a first fit until the components settle.
-
-        Without components the groups of the fit, which are divided, have been tested.
-        """
+    def settled(self, edited: EditedFit, groups: Labels) -> EditedFit:
+        """Iterate fits and components of groups from a first fit until the components settle."""
         labels, group = groups.texts, groups.codes
-        tested = np.arange(0)
-        if divided is not None and not any(edited.additive_sigma_m.values()):
-            is_new = group != divided.codes
-            tested = np.setdiff1d(range(len(divided.texts)), [group[is_new], divided.codes[is_new]])
         tried_m = [np.array([edited.additive_sigma_m.get(name, 0.0) for name in labels])]
         for _ in range(_MAX_ROUND_COUNT):
             if edited.fit.status in (FitStatus.DIVERGED, FitStatus.MAX_ITERATIONS):
@@ -142,8 +135,8 @@ class _Problem:
             # Significance is tested once: with its component a group is no longer significant.
             probability = SCALING_PROBABILITY if len(tried_m) == 1 else None
             # A group that is consistent with its stated sigmas keeps a component of zero.
-            is_consistent = np.isin(np.arange(len(labels)), tested) if probability else tried_m[1] == 0.0
-            wanted_m = _wanted_m(edited, self.stated, group, is_consistent, probability)
+            sought = np.arange(len(labels)) if probability else np.flatnonzero(tried_m[1])
+            wanted_m = _wanted_m(edited, self.stated, groups, sought, probability)
             if (np.abs(wanted_m - tried_m[-1]) <= _SETTLED_FRACTION * wanted_m).all():
                 break
             tried_m.append(wanted_m)
@@ -160,17 +153,20 @@ class _Problem:
 def _wanted_m(
     edited: EditedFit,
     stated: ObservationCovariance,
-    group: NDArray[np.int32],
-    is_consistent: Mask,
+    groups: Labels,
+    sought: Indices,
     probability: float | None,
 ) -> Floats:
-    """Component of each group by its residuals, m; white noise in a block is the same in each combination."""
+    """Component of each group by its residuals, m, zero for groups that are not sought."""
+    # White noise in a block is the same in each combination.
     fit = edited.fit
     leverage = mean_leverage(fit)
-    wanted_m = np.zeros(len(is_consistent))
-    for k in np.flatnonzero(~is_consistent).tolist():
-        members = fit.used & (group == k)
+    wanted_m = np.zeros(len(groups.texts))
+    for k in sought.tolist():
+        members = fit.used & (groups.codes == k)
         dof = float(members.sum() * (1.0 - leverage))
+        if dof < 1.0:
+            continue
         whitener = stated.whitener(members)
         sigma_m = whitener.sigma_m
         if sigma_m is None:

@@ -259,19 +259,21 @@ def _with_covariances(
     information = {group: np.zeros_like(added) for group in variances}
     # The columns of all observations would be hundreds of megabytes.
     for part, numbers, whitened in series.sections(fit.whitened_unit_partials(directions)):
+        # Small series together, large ones one by one, so that their columns need little memory.
+        ends = np.cumsum([len(series.of_each[k]) for k in numbers])
+        batches = np.split(np.array(numbers), np.flatnonzero(np.diff(ends // ROWS_AT_ONCE)) + 1)
         rows_of = {k: series.of_each[k] - part.start for k in numbers}
-        for group in {groups[k] for k in numbers} & variances.keys():
-            columns = whitened[np.concatenate([rows for k, rows in rows_of.items() if groups[k] == group])]
-            information[group] += gram(columns, columns)
+        for batch in batches:
+            for group in {groups[k] for k in batch} & variances.keys():
+                rows = np.concatenate([rows_of[k] for k in batch if groups[k] == group])
+                columns = whitened[rows]
+                information[group] += gram(columns, columns)
         weighted = noise.filter.adjoint(whitened, part)
         unit += gram(weighted, weighted)
-        # Small series together, large ones one by one, so that their columns need little memory.
-        lengths = np.array([len(rows) for rows in rows_of.values()])
-        cuts = np.flatnonzero(np.diff(np.cumsum(lengths) // ROWS_AT_ONCE)) + 1
-        for indices in np.split(np.arange(len(numbers)), cuts):
-            rows = np.concatenate([rows_of[numbers[k]] for k in indices])
-            step_s, begin = np.diff(series.time_s[part][rows], prepend=0.0), np.cumsum([0, *lengths[indices]])
-            excess, columns = [processes[numbers[k]].excess for k in indices], weighted[rows]
+        for batch in batches:
+            rows, lengths = np.concatenate([rows_of[k] for k in batch]), [len(rows_of[k]) for k in batch]
+            step_s, begin = np.diff(series.time_s[part][rows], prepend=0.0), np.cumsum([0, *lengths])
+            excess, columns = [processes[k].excess for k in batch], weighted[rows]
             added += gram(columns, half_products(excess, begin, step_s, np.ones(len(rows)), columns))
     added += added.T.copy()
     for group, variance in variances.items():

@@ -282,10 +282,7 @@ class ImageChain:
         self, features: Features, to_plane: Floats, size: tuple[int, int], level: int, width_m: float
     ) -> tuple[Matches, MapPart] | None:
         """Match an image with the part of the map that its approximate homography predicts."""
-        samples, lines = size
-        corners = transformed(
-            to_plane, np.array([[0.0, 0.0], [samples, 0.0], [0.0, lines], [samples, lines]])
-        )
+        corners = transformed(to_plane, np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]]) * size)
         margin_m = _PREDICTION_ERROR_PART * width_m
         west, south = corners.min(axis=0) - margin_m
         east, north = corners.max(axis=0) + margin_m

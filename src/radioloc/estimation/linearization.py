@@ -11,7 +11,7 @@ they stay in the processor's cache.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Protocol
@@ -298,12 +298,25 @@ def _whitened_rows(linearization: Linearization, whitening: Whitener, free: Rows
     """
     smooth, residual_m = smooth_partials(linearization), linearization.residual_m
     if smooth is not None and isinstance(whitening, LinkedWhitener):
-        return smooth.condensed(whitening.structures, whitening.filter, residual_m, free)
+        return _joined(smooth.condensed(whitening.structures, whitening.filter, residual_m, free))
 
     def rows_of(rows: Rows) -> Floats:
         return np.column_stack([linearization.partials(rows)[:, free], residual_m[rows]])
 
     return whitening.whitened(rows_of)
+
+
+def _joined(parts: Iterable[Floats]) -> Iterator[Floats]:
+    """Yield parts of a few rows together, as the overhead of a factorization is that of some hundred rows."""
+    batch, elements = list[Floats](), 0
+    for part in parts:
+        batch.append(part)
+        elements += part.size
+        if elements >= _LEAF_ELEMENTS:
+            yield np.concatenate(batch)
+            batch, elements = [], 0
+    if batch:
+        yield np.concatenate(batch)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

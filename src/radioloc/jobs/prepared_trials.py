@@ -159,7 +159,6 @@ class Prepared:
         for part, x in zip(self.parts, truths, strict=True):
             problem = part.problem
             predictor = problem.predictor.with_values(value_m[part.rows])
-            assert problem.choice is not None
             drawn = EstimationProblem.from_study(problem.study, predictor, problem.choice, problem.noise)
             parameters = with_drawn_priors(drawn.model.parameters, x, self._drawn_sigmas(problem), seed)
             drawn = replace(drawn, model=replace(drawn.model, parameters=parameters))
@@ -181,7 +180,6 @@ class Prepared:
     def _drawn_sigmas(self, problem: EstimationProblem) -> Floats:
         """Return sigmas of the a-priori positions on maps, which each trial draws; zero for the other parameters."""
         model, sigmas = problem.model, np.zeros(problem.reported_count)
-        assert problem.choice is not None
         for prior in problem.choice.position_priors:
             [k] = (k for k in model.place_indices if model.targets[k].name == prior.target)
             begin = model.columns_of(k).stop - len(model.targets[k].parameters)

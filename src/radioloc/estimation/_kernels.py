@@ -33,11 +33,8 @@ def likelihood_grid(
     (series, n, m), (_, shapes, p), ratios, common = columns.shape, mean.shape, len(ratio), turned.shape[2]
     cells = shapes * ratios + 1
     log_determinant, eliminated, white = np.zeros((series, cells)), np.zeros((series, cells)), np.ones(cells)
-    together, variances, turned_row = (
-        np.zeros((common, common, cells)),
-        np.empty((series, cells)),
-        np.empty(cells),
-    )
+    together, turned_row = np.zeros((common, common, cells)), np.empty(cells)
+    variances = np.empty((series, cells))
     kalman, variance, scale = np.empty((p, cells)), np.empty(cells), np.empty(cells)
     innovation = np.empty((_PRODUCT_ROWS, m, cells))
     for k in range(series):

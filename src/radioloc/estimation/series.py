@@ -103,9 +103,8 @@ class IndependentSeries(StructuredWhitener):
         place, begin, width_s = np.empty(len(self.number), dtype=np.int32), [0], []
         series_s, of_series, duration_s = np.zeros(0), np.zeros(0, dtype=np.intp), 0.0
         for indices in self.of_each:
-            if not np.array_equal(
-                series_s, self.time_s[indices]
-            ):  # combinations have the times of their blocks
+            # Combinations have the times of their blocks.
+            if not np.array_equal(series_s, self.time_s[indices]):
                 series_s = self.time_s[indices]
                 of_series, duration_s = bins(series_s, MAX_POINTS)
             place[indices] = begin[-1] + of_series
@@ -339,9 +338,8 @@ def independent_series(order: SeriesOrder, noise: ObservationCovariance, used: M
         times_s.append(np.repeat(order.time_s[block.rows[:, 0]], k))
         series += block_series
     structures = (*singles, *(block for _, block in blocks))
-    return IndependentSeries(
-        len(used), structures, tuple(series), np.concatenate(numbers), np.concatenate(times_s)
-    )
+    number, time_s = np.concatenate(numbers), np.concatenate(times_s)
+    return IndependentSeries(len(used), structures, tuple(series), number, time_s)
 
 
 def _combinations(order: SeriesOrder, blocks: Blocks) -> Iterator[tuple[list[Series], Blocks]]:

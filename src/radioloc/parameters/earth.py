@@ -32,10 +32,8 @@ def _station_position(rows: ObservationRows) -> Floats:
 def _displaced(rows: ObservationRows, shifts: Floats) -> Floats:
     """Return partials with respect to station displacements, ITRF, m per unit, shape (n_stations, 3, components)."""
     # One component after the other in memory, (3, components, ends, m)
-    by_station, shift = (
-        rows.computed.by_station_itrf.T,
-        np.take(shifts.transpose(1, 2, 0), rows.ends.T, axis=-1),
-    )
+    by_station = rows.computed.by_station_itrf.T
+    shift = np.take(shifts.transpose(1, 2, 0), rows.ends.T, axis=-1)
     return np.asarray(sum(by_station[i] * shift[i] for i in range(3)).T)
 
 

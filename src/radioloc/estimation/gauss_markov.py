@@ -325,9 +325,11 @@ class RestrictedLikelihood:
 
             mean = part * mean_correlation(self.points.width_s[self.indices][:, None, None], tau_s)
             turned = self.turned if self.jointly else self.turned[..., :0]
+            of_series = np.array([dof[:, 0], self.binned, self.bin_squares])
+            arrays = (self.step_s, tau_s, mean, ratio, self.gain, self.columns, turned, of_series)
+            # Of one layout, as each other one is compiled for 2.5 s.
             log_determinant, series_log_determinant, white, loss = likelihood_grid(
-                *(self.step_s, tau_s, mean, ratio, self.gain, self.columns, np.ascontiguousarray(turned)),
-                np.array([dof[:, 0], self.binned, self.bin_squares]),
+                *map(np.ascontiguousarray, arrays)
             )
         else:
             log_determinant, series_log_determinant, white, loss = self._terms(tau_s, part, ratio, dof)

@@ -17,8 +17,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, fields, replace
-from itertools import compress
-from operator import not_
 from typing import Any, Protocol, TypeVar
 
 import numpy as np
@@ -246,13 +244,13 @@ class ObservationCovariance:
     sigma_m: Floats = field(init=False)  #: (n,), of all terms together
 
     def __post_init__(self) -> None:
-        variances_m2 = [term.variance_m2 for term in self.terms]
-        counts = list(map(len, variances_m2))
+        white_terms_m2 = [term.variance_m2 for term in self.of_type(White)]
+        structured_m2 = [term.variance_m2 for term in self._structured]
+        counts = list(map(len, white_terms_m2 + structured_m2))
         if len(set(counts)) != 1:
             raise InputError(f"terms of the noise: expected equal numbers of observations, got {counts}")
-        is_white = [isinstance(term, White) for term in self.terms]
-        white_m2 = sum(compress(variances_m2, is_white), np.zeros(counts[0]))
-        variance_m2 = sum(compress(variances_m2, map(not_, is_white)), white_m2)
+        white_m2 = sum(white_terms_m2, np.zeros(counts[0]))
+        variance_m2 = sum(structured_m2, white_m2)
         bad = np.flatnonzero(~(np.isfinite(variance_m2) & (variance_m2 > 0.0)))
         if len(bad):
             sigma_m = np.sqrt(variance_m2[bad[0]])

@@ -288,8 +288,9 @@ class BinnedProblem:
         squares, products = np.zeros(len(edges_s)), np.zeros((len(edges_s), self._rows.shape[1]))
         for part, root in self._series_with(constant[:, None]):
             index = np.searchsorted(self.points.time_s[part], edges_s)
-            squares += np.square(_sums_from(root.T * constant[part, None])).sum(axis=1)[index]
-            products += _sums_from(root.T @ self._rows[part] * constant[part, None])[index]
+            steps = _sums_from(root.T * constant[part, None])
+            squares += np.square(steps).sum(axis=1)[index]
+            products += (steps @ self._rows[part])[index]
         with_partials = products[:, 1:]
         score = products[:, 0] - with_partials @ self.estimate
         acting = np.flatnonzero(with_partials.any(axis=0))

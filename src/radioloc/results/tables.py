@@ -291,12 +291,11 @@ def contents_by_target(results: Iterable[SolutionLike], target: str | None = Non
             contents.append({**content, **record, **named, "reference": None, "references": [], **references})
             references = {}
         contents += [] if content.get("targets") else [content]
-    by_target = [
-        (canonical_target(content.get("target") or content["name"]), content) for content in contents
-    ]
-    chosen = [content for name, content in by_target if target is None or name == canonical_target(target)]
+    if target is None:
+        return contents
+    chosen = [item for item in contents if canonical_target(_target_name(item)) == canonical_target(target)]
     if contents and not chosen:
-        raise InputError(f"--target: expected {_names(contents)}, got {target}")
+        raise InputError(f"--target: expected {', '.join(map(_target_name, contents))}, got {target}")
     return chosen
 
 
@@ -305,13 +304,14 @@ def single_content(results: Iterable[SolutionLike]) -> Mapping[str, Any]:
     contents = contents_by_target(results)
     if len(contents) != 1:
         raise InputError(
-            f"expected one position for this format, got {_names(contents)}; give one, or a target by --target"
+            f"expected one position for this format, got {', '.join(map(_target_name, contents))}; give one, or a "
+            "target by --target"
         )
     return contents[0]
 
 
-def _names(contents: Iterable[Mapping[str, Any]]) -> str:
-    return ", ".join(content.get("target") or content["name"] for content in contents)
+def _target_name(content: Mapping[str, Any]) -> str:
+    return str(content.get("target") or content["name"])
 
 
 def references_of(content: Mapping[str, Any]) -> list[Mapping[str, Any]]:

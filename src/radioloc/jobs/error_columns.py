@@ -36,7 +36,7 @@ def parameter_errors(
     """Return parameters with their partials at the parameters x of a model."""
     if not blocks:
         return NO_ERRORS
-    errors = replace(ObservationModel.from_targets(model.predictor, (), blocks), reference=model.reference)
+    errors = replace(ObservationModel.from_targets(model.predictor, (), blocks), rows=model.rows)
     motions = model.motions(x)
     prediction, residual_m = model.predictor.predict(motions), np.zeros(0)  # residuals are not asked for
     design = DesignMatrix(errors, prediction, motions, errors.parameters.prior_values, residual_m)

@@ -23,6 +23,7 @@ from radioloc.jobs.error_columns import GravityErrorOrbits, orbit_state, own_gra
 from radioloc.jobs.problem import ArcPart
 from radioloc.jobs.stochastic import IndependentAccelerations, StochasticProblem
 from radioloc.parameters.parameter import ParameterSet, Role
+from radioloc.parameters.rows import ObservationRows
 from radioloc.results.covariance import PlannedArc
 from radioloc.targets.design import DesignMatrix
 from radioloc.targets.orbit_state import ALONG_ACROSS_RADIAL, OrbitState, along_across_radial
@@ -184,10 +185,15 @@ class PlannedFit:
         effects[..., of_gravity] = -along_across_radial(state.orbit, self._epochs, moved)[:, :3]
         return effects
 
-    @cached_property
+    @property
     def _epochs(self) -> Epochs:
-        """Epochs all over the tracked part of an orbit, TDB."""
-        ends = tt_to_tdb(utc_to_tt(self.part.problem.predictor.observations.span()))
-        length_s = float(ends[1].seconds_since(ends[0])[0])
-        count = max(_MIN_MAPPED_EPOCHS, int(length_s / _MAPPED_STEP_S) + 1)
-        return ends[:1].shifted(np.linspace(0.0, length_s, count))
+        epochs: Epochs = self.part.problem.model.rows.evaluate(_mapped_epochs)
+        return epochs
+
+
+def _mapped_epochs(rows: ObservationRows) -> Epochs:
+    """Return epochs all over the tracked part of an orbit, TDB."""
+    ends = tt_to_tdb(utc_to_tt(rows.observations.span()))
+    length_s = float(ends[1].seconds_since(ends[0])[0])
+    count = max(_MIN_MAPPED_EPOCHS, int(length_s / _MAPPED_STEP_S) + 1)
+    return ends[:1].shifted(np.linspace(0.0, length_s, count))

@@ -185,9 +185,8 @@ def observation_model(
     """Return the model of an arc with the parameters of targets, chosen parameters and nuisance parameters."""
     rows = ObservationRows(predictor.uncombined)
     blocks = _parameter_blocks("[estimate]", choice.parameters, rows, Role.ESTIMATED, choice.pass_gap_h)
-    model = ObservationModel.from_targets(predictor, targets, [*blocks.values(), *considered])
-    if choice.clock_epoch is not None:
-        model = replace(model, reference=utc_to_tai(choice.clock_epoch))
+    reference = None if choice.clock_epoch is None else utc_to_tai(choice.clock_epoch)
+    model = ObservationModel.from_targets(predictor, targets, [*blocks.values(), *considered], reference)
     return replace(model, considered_kind_count=len(considered))
 
 

@@ -148,9 +148,9 @@ class CombinedPrediction:
             columns["status"][owner] = first_failure(columns["status"][owner], inner.status[of_part])
         return Computed(**columns)
 
-    def combine(self, rows: Indices, columns: Callable[[Indices, Prediction, Predictor], Floats]) -> Floats:
+    def combine(self, rows: Indices, columns: Callable[[Indices, Prediction], Floats]) -> Floats:
         """Combine the columns that a function returns for rows of the simple predictor, shape (m, ...)."""
         simple, begin = self._parts.rows(np.arange(self._n)[rows])
-        combined = columns(simple, self._prediction, self._simple)
+        combined = columns(simple, self._prediction)
         weight = self._parts.weight[simple].reshape(-1, *[1] * (combined.ndim - 1))
         return np.asarray(np.add.reduceat(combined * weight, begin, axis=0))

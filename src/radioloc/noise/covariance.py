@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
 from typing import Any, Protocol, TypeVar
 
 import numpy as np
@@ -235,7 +236,7 @@ class GaussMarkov:
         return decay, added
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class ObservationCovariance:
     """Covariance R of n observations; :class:`InputError` if it is not positive definite."""
 
@@ -313,8 +314,9 @@ class ObservationCovariance:
                 structures.append(phase.banded(self.white_m, np.flatnonzero(members)))
         return StructuredWhitener(len(self), tuple(structures))
 
-    def _filtered(self, used: Mask) -> Iterator[Structure]:
-        """Yield a Kalman filter for each network of observations that share processes, and a diagonal."""
+    @cached_property
+    def _networks(self) -> tuple[Indices, Floats, list[int], Floats, Rows, Indices]:
+        """Processes and signs (n, k), first process of each term, epochs in s (n,), order in time, networks (n,)."""
         processes, signs, first = [], [], [0]
         time_s, groups = np.zeros(len(self)), list[Indices | Codes]()
         for term in self._structured:
@@ -329,11 +331,15 @@ class ObservationCovariance:
             time_s = np.where(shared.group == ALONE, time_s, time_s[of_group][group_index])
             groups.append(shared.group)
         process, sign = np.hstack(processes), np.hstack(signs)
-        order = np.lexsort((*groups, time_s))
-        order = order[used[order]]
         largest = process.max(axis=1, initial=NONE)
         pairs = np.stack([np.broadcast_to(largest[:, None], process.shape), process], axis=-1)
         network = np.where(largest == NONE, NONE, networks(pairs[process != NONE], first[-1])[largest])
+        return process, sign, first, time_s, np.lexsort((*groups, time_s)), network
+
+    def _filtered(self, used: Mask) -> Iterator[Structure]:
+        """Yield a Kalman filter for each network of observations that share processes, and a diagonal."""
+        process, sign, first, time_s, order, network = self._networks
+        order = order[used[order]]
         for number in np.unique(network[order]).tolist():
             rows = order[network[order] == number]
             if number == NONE:

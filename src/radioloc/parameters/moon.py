@@ -28,14 +28,18 @@ Their amplitudes depend on dissipation in the Moon, so they are adjusted to lase
 """
 
 
-def _moon_position(rows: ObservationRows) -> Floats:
+def _moon_axes(rows: ObservationRows) -> list[Floats]:
     model = rows.model
 
     def axes_pa(tdb: Epochs) -> Floats:
         axes = rtn_axes(*model.ephemeris.geocentric("moon", tdb))
         return axes @ np.swapaxes(rot_icrf_to_pa(model.libration.angles(tdb)[0]), -1, -2)
 
-    return rows.displacement_partials(axes_pa)[:, None, :]
+    return rows.displacements(axes_pa)
+
+
+def _moon_position(rows: ObservationRows) -> Floats:
+    return rows.displacement_partials(rows.evaluate_unpredicted(_moon_axes))[:, None, :]
 
 
 def _libration(rows: ObservationRows) -> Floats:
@@ -74,7 +78,7 @@ def _love_numbers(rows: ObservationRows) -> Floats:
         ]
         return np.concatenate([np.array(of_place).swapaxes(0, 1) for of_place in of_places], axis=1)
 
-    columns = rows.displacement_partials(displacements).reshape(len(rows), len(places), 2)
+    columns = rows.displacement_partials(rows.displacements(displacements)).reshape(len(rows), len(places), 2)
     return columns[np.arange(len(rows)), place_of_row.reshape(-1)][:, None, :]
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -54,15 +54,27 @@ class ObservationRows:
         self.rows = np.arange(len(predictor.observations)) if rows is None else rows
         self._selected: Any = slice(None) if rows is None else rows  # all without a copy
         self._results: dict[RowFunction, Any] = {}
+        self._unpredicted: ObservationRows | None = None
 
     def __len__(self) -> int:
         return len(self.rows)
+
+    def predicted(self, rows: Indices, prediction: Prediction, motions: Motions) -> ObservationRows:
+        """Return some of these rows with a prediction; all of them share what depends on none."""
+        predicted = ObservationRows(self.predictor, rows, self._reference, prediction, motions)
+        if np.array_equal(rows, self.rows):
+            predicted._unpredicted = self
+        return predicted
 
     def evaluate(self, function: RowFunction) -> Any:
         """Return a function of these rows, evaluated once for all kinds of parameter that share it."""
         if function not in self._results:
             self._results[function] = function(self)
         return self._results[function]
+
+    def evaluate_unpredicted(self, function: RowFunction) -> Any:
+        """Return a function that depends on no prediction, evaluated once for all predictions of all rows."""
+        return (self._unpredicted or self).evaluate(function)
 
     @property
     def model(self) -> PhysicalModel:
@@ -121,11 +133,10 @@ class ObservationRows:
         first = self.baseline | ((self.tag == TRANSMIT) & ~self.one_way)
         return np.stack([first, ~first & (self.tag == RECEIVE)], axis=-1)
 
-    @cached_property
+    @property
     def elapsed_s(self) -> Floats:
         """Time tag since the reference epoch, s."""
-        reference = middle_epoch(self.observations) if self._reference is None else self._reference
-        return utc_to_tai(self.observations.epoch[self._selected]).seconds_since(reference)
+        return np.asarray(self.evaluate_unpredicted(_elapsed_s))
 
     @cached_property
     def elapsed_at_ends_s(self) -> Floats:
@@ -146,33 +157,34 @@ class ObservationRows:
         assert self._prediction is not None  # for partials only
         return self._prediction.rows(self.rows)
 
-    def displacement_partials(self, displacement_pa_m: Callable[[Epochs], Floats]) -> Floats:
-        """Return partials with respect to displacements of the target in principal axes, shape (m, components).
+    def displacement_partials(self, displacements: Sequence[Floats]) -> Floats:
+        """Return partials with respect to :meth:`displacements` of the target, shape (m, components)."""
+        partials = dot(self.computed.by_position_pa[:, None], displacements[0])
+        for change in displacements[1:]:
+            partials += dot(self.computed.mean_by_position_pa[:, None], change)
+        return partials
 
-        At k epochs, TDB, `displacement_pa_m` returns the displacement by a unit of each component, m, shape
-        (k, components, 3). Its periods are two days or more.
+    def displacements(self, displacement_pa_m: Callable[[Epochs], Floats]) -> list[Floats]:
+        """Return displacements of the target at the bounce, and their change in the count if any row has one.
+
+        At k epochs, TDB, `displacement_pa_m` returns the displacement by a unit of each component in principal axes,
+        m, shape (k, components, 3). Its periods are two days or more.
         """
         # The bounce at the Moon to 0.1 s, in which quantities with periods of days do not change.
         late = np.where(self.baseline | (self.tag == RECEIVE), -1.0, np.where(self.tag == TRANSMIT, 1.0, 0.0))
         late = np.where(self.one_way & (self.tag == TRANSMIT), 0.0, late)
         met_s = late * self.light_time_s
-        middle = evaluate_smooth(displacement_pa_m, self._rough_tdb.shifted(met_s))
-        partials = dot(self.computed.by_position_pa[:, None], middle)
-        if self.integrated.any():
-            ends = [
-                evaluate_smooth(displacement_pa_m, self._rough_tdb.shifted(met_s + sign * 0.5 * self.count_s))
-                for sign in (1.0, -1.0)
-            ]
-            partials += dot(self.computed.mean_by_position_pa[:, None], ends[0] - ends[1])
-        return partials
+        halves = (0.0, 0.5, -0.5) if self.integrated.any() else (0.0,)
+        middle, *ends = (
+            evaluate_smooth(displacement_pa_m, self._rough_tdb.shifted(met_s + half * self.count_s))
+            for half in halves
+        )
+        return [middle, ends[0] - ends[1]] if ends else [middle]
 
-    @cached_property
+    @property
     def light_time_s(self) -> Floats:
         """Light time, one way, between the centres of Moon and Earth at the time tags, good to 0.03 s for a path."""
-        distance_m = evaluate_smooth(
-            lambda at: length(self.model.ephemeris.geocentric("moon", at)[0]), self._rough_tdb
-        )
-        return distance_m / C_M_S
+        return np.asarray(self.evaluate_unpredicted(_light_time_s))
 
     @cached_property
     def _rough_tdb(self) -> Epochs:
@@ -196,6 +208,17 @@ class ObservationRows:
         """Position of each observation's target on the Moon, principal axes, m, (m, 3); zeros of a spacecraft."""
         assert self._motions is not None  # for partials only
         return positions_pa_m(self._motions)[self.target]
+
+
+def _elapsed_s(rows: ObservationRows) -> Floats:
+    reference = middle_epoch(rows.observations) if rows._reference is None else rows._reference
+    return utc_to_tai(rows.observations.epoch[rows._selected]).seconds_since(reference)
+
+
+def _light_time_s(rows: ObservationRows) -> Floats:
+    ephemeris = rows.model.ephemeris
+    distance_m = evaluate_smooth(lambda at: length(ephemeris.geocentric("moon", at)[0]), rows._rough_tdb)
+    return distance_m / C_M_S
 
 
 def middle_epoch(observations: Observations) -> Epochs:

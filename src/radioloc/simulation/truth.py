@@ -300,7 +300,7 @@ def _design(
             kinds.append(chosen)
     # Rates contribute nothing at the epoch of the offsets.
     epoch = utc_to_tai(epochs_from_strings([epoch_utc], "UTC"))
-    model = replace(ObservationModel.from_targets(predictor, points, kinds), reference=epoch)
+    model = ObservationModel.from_targets(predictor, points, kinds, epoch)
     x = model.parameters.prior_values
     return DesignMatrix(model, at, model.motions(x), x, predictor.observations.value_m)
 

@@ -38,25 +38,29 @@ class ObservationModel:
     parameters: ParameterSet
     targets: tuple[Target, ...]
     columns: tuple[Columns, ...]  # of the kinds of parameter
-    reference: Epochs | None = None  # epoch that rates refer to, TAI; the middle of the arc as a rule
+    rows: ObservationRows = field(compare=False, repr=False)  # before they are combined, without a prediction
     processes: tuple[StochasticAccelerations, ...] = ()  # of each orbit that has some
     considered_kind_count: int = 0  # number of kinds, the last, whose parameters are considered
-    # Of a long arc, computed once.
-    cells: list[Cells] = field(default_factory=list, compare=False, repr=False)
 
     @classmethod
     def from_targets(
-        cls, predictor: Predictor, targets: Sequence[Target], kinds: Sequence[tuple[Columns, list[Parameter]]]
+        cls,
+        predictor: Predictor,
+        targets: Sequence[Target],
+        kinds: Sequence[tuple[Columns, list[Parameter]]],
+        reference: Epochs | None = None,
     ) -> ObservationModel:
-        """Put targets and kinds of parameter together."""
+        """Put targets and kinds of parameter together; rates refer to an epoch, TAI, or to the middle of the arc."""
         parameters = [parameter for target in targets for parameter in target.parameters]
         parameters += [parameter for _, items in kinds for parameter in items]
+        if reference is None and len(predictor.observations):
+            reference = middle_epoch(predictor.observations)
         return cls(
             predictor,
             ParameterSet(parameters),
             tuple(targets),
             tuple(columns for columns, _ in kinds),
-            middle_epoch(predictor.observations) if len(predictor.observations) else None,
+            ObservationRows(predictor.uncombined, reference=reference),
         )
 
     @property
@@ -157,11 +161,7 @@ class ObservationModel:
         """Return the partials of a long arc as polynomials; None of combined or sparse observations."""
         if isinstance(design.prediction, CombinedPrediction):
             return None
-        if not self.cells:
-            items = self.predictor.observations
-            keys = (items.link, items.kind, items.tag, items.count_s, items.wavelength_um, items.uplink_hz)
-            self.cells.append(Cells.from_keys(keys, ObservationRows(self.predictor).elapsed_s))
-        [cells] = self.cells
+        cells = self.rows.evaluate(_cells)
         return SmoothPartials.from_nodes(cells, design.partials) if len(cells.nodes) else None
 
     def residuals(self, x: Floats) -> tuple[Floats, Floats]:
@@ -206,14 +206,12 @@ class DesignMatrix:
         columns = partial(self._simple, first=targets, kinds=self.model.columns[:kinds])
         if isinstance(self.prediction, CombinedPrediction):
             return self.prediction.combine(rows, columns)
-        return columns(rows, self.prediction, self.model.predictor)
+        return columns(rows, self.prediction)
 
-    def _simple(
-        self, rows: Rows, prediction: Prediction, predictor: Predictor, first: int, kinds: Sequence[Columns]
-    ) -> Floats:
+    def _simple(self, rows: Rows, prediction: Prediction, first: int, kinds: Sequence[Columns]) -> Floats:
         """Return partials of observations that are not combined, by the first motions and some kinds of parameter."""
         model = self.model
-        part = ObservationRows(predictor, rows, model.reference, prediction, self.motions)
+        part = model.rows.predicted(rows, prediction, self.motions)
         start = model.first if first else 0
         # Column by column in memory, as the factorization reads them.
         out = np.zeros((start + sum(map(len, kinds)), len(rows))).T
@@ -228,6 +226,12 @@ class DesignMatrix:
             columns.design(part, out[:, start : start + len(columns)])
             start += len(columns)
         return out
+
+
+def _cells(rows: ObservationRows) -> Cells:
+    items = rows.observations
+    keys = (items.link, items.kind, items.tag, items.count_s, items.wavelength_um, items.uplink_hz)
+    return Cells.from_keys(keys, rows.elapsed_s)
 
 
 def effects_on_orbit(predictor: Predictor, orbit: AdjustableOrbit, target: int) -> Floats:

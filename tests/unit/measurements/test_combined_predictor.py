@@ -79,7 +79,7 @@ def test_values_and_partials_are_those_of_the_parts(arc, by_hand):
             np.testing.assert_allclose(getattr(combined, name)[rows], expected, rtol=0, atol=SAME_M)
         np.testing.assert_array_equal(value_m[rows], combined.value_m[rows])
         by_target = arc.predict().combine(
-            np.arange(len(CASES) * N)[rows], lambda part_rows, part, _: part.rows(part_rows).by_position_pa
+            np.arange(len(CASES) * N)[rows], lambda part_rows, part: part.rows(part_rows).by_position_pa
         )
         expected = sum(weight * part.by_position_pa for weight, part in computed)
         np.testing.assert_allclose(by_target, expected, rtol=0, atol=1e-9)

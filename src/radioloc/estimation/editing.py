@@ -27,7 +27,7 @@ Rousseeuw and Leroy (1987), Robust regression and outlier detection, section 1.2
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -49,7 +49,7 @@ from radioloc.estimation.statistics import robust_scale
 from radioloc.estimation.status import FitStatus
 from radioloc.labels import USED, Labels, changed
 from radioloc.noise.covariance import ObservationCovariance
-from radioloc.noise.whitening import Rows
+from radioloc.noise.whitening import LinkedWhitener, Rows
 from radioloc.parameters.parameter import ParameterSet
 from radioloc.quantities import accepts_quantities
 from radioloc.vectors import Floats, Mask
@@ -272,9 +272,14 @@ class _Editor:
     def fit(self, used: Mask, x: Floats, linearization: Linearization) -> FitResult:
         """Estimate the parameters from the used observations."""
         # Noise models of a trial use its whitened partials again.
-        whitening = None
+        whitening: LinkedWhitener | None = None
         if self.order is not None and isinstance(linearization, OrthonormalLinearization):
-            whitening = independent_series(self.order, self.noise, used)
+            stated = linearization.problem.stated
+            if stated is not None and stated.noise is self.noise:
+                whitening, whitened = stated.with_rejections(self.usable & ~used)
+                linearization = replace(linearization, whitened=whitened)
+            else:
+                whitening = independent_series(self.order, self.noise, used)
         return fit_least_squares(
             self.residual_function,
             self.parameters,

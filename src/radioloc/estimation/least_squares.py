@@ -214,9 +214,7 @@ def fit_least_squares(
     check_residuals(linearization, mask)
 
     # Weights: given ones, those of the process noise, or those of the stated noise.
-    stated: Whitener = (
-        noise.whitener(mask) if whitening is None else StructuredWhitener(n, whitening.structures)
-    )
+    stated: Whitener = noise.whitener(mask) if whitening is None else whitening.stated
     processes, weights = process_noise(linearization), whitening or stated
     if processes and whitening is None:
         weights = InformationFilters.from_observations(processes, noise, mask)

@@ -22,8 +22,9 @@ from radioloc.dynamics.stochastic import StochasticAccelerations
 from radioloc.errors import InputError, RadiolocError
 from radioloc.estimation.smooth_partials import SmoothPartials
 from radioloc.measurements.predictor import ROWS_AT_ONCE
+from radioloc.noise.covariance import ObservationCovariance
 from radioloc.noise.processes import KalmanFilter
-from radioloc.noise.whitening import LinkedWhitener, Rows, StructuredWhitener, Whitener, column
+from radioloc.noise.whitening import LinkedWhitener, Rows, Whitener, column
 from radioloc.parameters.parameter import ParameterSet
 from radioloc.vectors import Floats, Indices, Mask
 
@@ -147,6 +148,17 @@ class WhitenedPartials:
         """Yield partials of combinations of the free parameters, the columns of `root` (q, r), part by part, (m, r)."""
         from_coordinates = self.from_free @ root
         return (matrix_product(part, from_coordinates) for part in self.parts)
+
+
+class StatedWhitener(Protocol):
+    """Whitener of all usable observations by their stated noise, with their whitened partials."""
+
+    @property
+    def noise(self) -> ObservationCovariance:
+        """Stated noise."""
+
+    def with_rejections(self, rejected: Mask) -> tuple[LinkedWhitener, WhitenedPartials]:
+        """Return the whitener without the rejected observations (n,), and their partials."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -331,6 +343,7 @@ class LinearProblem:
     from_free: Floats  # (q, q), from changes of the free parameters to coordinates
     to_free: Floats  # (q, q), inverse of `from_free`
     start_rows: Indices  # (m,), observations of the robust start
+    stated: StatedWhitener | None = None  # of noise and observations that most fits have
 
     def residual_function(self, residual_m: Floats) -> Callable[[Floats], OrthonormalLinearization]:
         """Residual function of residuals (n,) at the values `x`, m."""
@@ -338,9 +351,8 @@ class LinearProblem:
         def linearized(x: Floats) -> OrthonormalLinearization:
             if np.array_equal(x, self.x):
                 return OrthonormalLinearization(self, residual_m)
-            # Summed by numpy itself: the result does not depend on the number of threads
-            step_residual_m = residual_m - np.einsum("np,p->n", self.partials, x - self.x)
-            return OrthonormalLinearization(self, step_residual_m)
+            step_m = matrix_product(self.partials, (x - self.x)[:, None])[:, 0]
+            return OrthonormalLinearization(self, residual_m - step_m)
 
         return linearized
 
@@ -357,53 +369,45 @@ class OrthonormalLinearization:
         """d(computed)/d(parameter) of some observations, shape (m, p)."""
         return self.problem.partials[rows]
 
-    def condensed(self, whitening: Whitener) -> tuple[Floats, WhitenedPartials | None]:
-        """Rows (q, q + 1) equivalent to the normal equations, and whitened partials if they are computed for these."""
-        basis, from_free = self.problem.basis, self.problem.from_free
-        weight = whitening.weights if isinstance(whitening, StructuredWhitener) else None
-        whitened_partials = None
-        if weight is not None:
-            weighted = basis * weight[:, None]
-            normal = gram(weighted, basis)
-            side = gram(weighted, np.where(weight > 0.0, self.residual_m, 0.0)[:, None])[:, 0]
+    def condensed(self, whitening: Whitener) -> tuple[Floats, WhitenedPartials]:
+        """Rows (q, q + 1) equivalent to the normal equations, and whitened partials."""
+        basis, from_free, whitened = self.problem.basis, self.problem.from_free, self.whitened
+        if whitened is None or not isinstance(whitening, LinkedWhitener):
+            parts = tuple(whitening.whitened(lambda rows: basis[rows]))
+            residuals = list(whitening.whitened(column(self.residual_m)))
+            whitened = WhitenedPartials(parts, from_free, tuple(gram(part, part) for part in parts))
         else:
-            linked = whitening if isinstance(whitening, LinkedWhitener) else None
-            if self.whitened is not None and linked is not None and linked.filter is not None:
-                parts, residuals, grams = self._filtered(linked, linked.filter, self.whitened)
-            else:
-                parts = list(whitening.whitened(lambda rows: basis[rows]))
-                residuals = list(whitening.whitened(column(self.residual_m)))
-                grams = [gram(part, part) for part in parts]
-            normal, side = sum(grams, np.zeros_like(from_free)), np.zeros(len(from_free))
-            for part, residual in zip(parts, residuals, strict=True):
-                side += gram(part, residual)[:, 0]
-            whitened_partials = WhitenedPartials(tuple(parts), from_free, tuple(grams))
+            residuals = list(whitening.stated.whitened(column(self.residual_m)))
+            if whitening.filter is not None:
+                whitened, residuals = _filtered(whitened, residuals, whitening.filter)
+        normal, side = sum(whitened.grams, np.zeros_like(from_free)), np.zeros(len(from_free))
+        for part, residual in zip(whitened.parts, residuals, strict=True):
+            side += gram(part, residual)[:, 0]
         values, axes = np.linalg.eigh(normal)
         root = np.sqrt(np.maximum(values, 0.0))
         right_side = np.divide(axes.T @ side, root, out=np.zeros(len(root)), where=values > _MIN_INFORMATION)
-        return np.column_stack([root[:, None] * axes.T @ from_free, right_side]), whitened_partials
+        return np.column_stack([root[:, None] * axes.T @ from_free, right_side]), whitened
 
-    def _filtered(
-        self, whitening: LinkedWhitener, kalman: KalmanFilter, stated: WhitenedPartials
-    ) -> tuple[list[Floats], list[Floats], list[Floats]]:
-        """Parts of partials and residuals that a filter whitens further, and products of partials with themselves."""
-        structures = StructuredWhitener(len(self.residual_m), whitening.structures)
-        parts, residuals = list(stated.parts), list(structures.whitened(column(self.residual_m)))
-        grams, begin = list(stated.grams), 0
-        states = [np.zeros((kalman.gain.shape[1], width)) for width in (len(stated.from_free), 1)]
-        for k, part in enumerate(parts):
-            rows = slice(begin, begin := begin + len(part))
-            scale = kalman.scale[rows]
-            if kalman.gain[rows].any() or np.ptp(scale) > 0.0:
-                parts[k], residuals[k] = (
-                    kalman.innovations(columns, rows, state)
-                    for columns, state in zip((part, residuals[k]), states, strict=True)
-                )
-                grams[k] = gram(parts[k], parts[k])
-            else:  # all errors are independent, with sigmas that are larger by one factor
-                parts[k], residuals[k] = scale[0] * part, scale[0] * residuals[k]
-                grams[k] = scale[0] ** 2 * grams[k]
-        return parts, residuals, grams
+
+def _filtered(
+    stated: WhitenedPartials, residuals: list[Floats], kalman: KalmanFilter
+) -> tuple[WhitenedPartials, list[Floats]]:
+    """Whiten partials and residuals further by a filter, part by part."""
+    parts, grams, begin, residuals = list(stated.parts), list(stated.grams), 0, list(residuals)
+    states = [np.zeros((kalman.gain.shape[1], width)) for width in (len(stated.from_free), 1)]
+    for k, part in enumerate(parts):
+        rows = slice(begin, begin := begin + len(part))
+        scale = kalman.scale[rows]
+        if kalman.gain[rows].any() or np.ptp(scale) > 0.0:
+            parts[k], residuals[k] = (
+                kalman.innovations(columns, rows, state)
+                for columns, state in zip((part, residuals[k]), states, strict=True)
+            )
+            grams[k] = gram(parts[k], parts[k])
+        else:  # all errors are independent, with sigmas that are larger by one factor
+            parts[k], residuals[k] = scale[0] * part, scale[0] * residuals[k]
+            grams[k] = scale[0] ** 2 * grams[k]
+    return WhitenedPartials(tuple(parts), stated.from_free, tuple(grams)), residuals
 
 
 def gram(a: Floats, b: Floats) -> Floats:

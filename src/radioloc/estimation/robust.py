@@ -31,6 +31,7 @@ from radioloc.estimation.linearization import (
     root_of_rows,
     smooth_partials,
 )
+from radioloc.estimation.series import SeriesOrder, StatedSeries
 from radioloc.estimation.statistics import robust_scale
 from radioloc.measurements.predictor import ROWS_AT_ONCE
 from radioloc.noise.covariance import ObservationCovariance
@@ -178,9 +179,17 @@ class _RobustSearch:
 
 
 def linear_problem(
-    partials: Floats, parameters: ParameterSet, x: Floats, noise: ObservationCovariance, usable: Mask
+    partials: Floats,
+    parameters: ParameterSet,
+    x: Floats,
+    noise: ObservationCovariance,
+    usable: Mask,
+    order: SeriesOrder | None = None,
 ) -> LinearProblem | None:
-    """Return the linear problem of partials (n, p) at x; None if the observations do not determine all parameters."""
+    """Return the linear problem of partials (n, p) at x; None if the observations do not determine all parameters.
+
+    With the order of the observations, fits of their stated noise start from whitened partials.
+    """
     dense = DenseLinearization(np.zeros(len(partials)), partials)
     factor = factorize(
         dense, ObservationCovariance.from_sigma(noise.sigma_m, len(noise)).whitener(usable), parameters, x
@@ -191,7 +200,8 @@ def linear_problem(
     basis = matrix_product(partials[:, parameters.free], to_free)
     from_free = factor.inverse_root()
     start_rows = sample(dense, noise.sigma_m, usable, parameters, _MAX_REPEATED_ROWS)
-    return LinearProblem(partials, x, basis, from_free, to_free, start_rows)
+    stated = None if order is None else StatedSeries.from_basis(order, noise, usable, basis, from_free)
+    return LinearProblem(partials, x, basis, from_free, to_free, start_rows, stated)
 
 
 def sample(

@@ -9,13 +9,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from radioloc.constants import SECONDS_PER_DAY
 from radioloc.estimation.gauss_markov import Points, Series, SeriesNoise
+from radioloc.estimation.linearization import WhitenedPartials, gram
 from radioloc.labels import Labels, changed, distinct
 from radioloc.measurements.link import Link
 from radioloc.measurements.predictor import ROWS_AT_ONCE
@@ -90,6 +91,65 @@ class IndependentSeries(StructuredWhitener):
     series: tuple[Series, ...]
     number: Indices  # (N,), series of each combination, in the order of the whitener
     time_s: Floats  # (N,)
+    # Combinations (b, k) of blocks with rejected members, structure by structure, and orthonormal axes (b, k, h) of
+    # these members in them.
+    rejections: tuple[tuple[Indices, Floats], ...] = ()
+
+    def with_rejections(self, rejected: Mask) -> IndependentSeries:
+        """Return series of independent observations and blocks in which rejected members (n,) have no effect."""
+        # With the map L of a block and orthonormal axes U of its columns for the rejected members, L^T (I - U U^T) L is
+        # the inverse covariance of the others.
+        rejections, start = [], 0
+        for structure in self.structures:
+            rows = structure.rows.reshape(len(structure.rows), -1)
+            blocks = np.flatnonzero(rejected[rows].any(axis=1))
+            if len(blocks):
+                is_rejected = rejected[rows[blocks]]
+                first = np.argsort(~is_rejected, axis=1, kind="stable")[:, : is_rejected.sum(axis=1).max()]
+                roots = np.ones((len(blocks), 1, 1))
+                if isinstance(structure, Blocks):
+                    roots = structure.roots[structure.which[blocks]]
+                axes = np.linalg.qr(np.take_along_axis(roots, first[:, None], axis=2))[0]
+                axes *= np.take_along_axis(is_rejected, first, axis=1)[:, None]
+                rejections.append((start + np.arange(rows.size).reshape(rows.shape)[blocks], axes))
+            start += rows.size
+        remaining = replace(self, rejections=tuple(rejections))
+        remaining.__dict__.update(of_each=self.of_each, bins=self.bins)  # the same
+        return remaining
+
+    def project(self, values: Floats, start: int = 0) -> Floats:
+        """Take rejected observations out of a part of the combinations (m, c); return their components (t, c)."""
+        components = [np.zeros((0, values.shape[1]))]
+        for combinations, axes in self.rejections:
+            blocks = slice(*np.searchsorted(combinations[:, 0], (start, start + len(values))))
+            places = combinations[blocks] - start
+            along_axes = np.swapaxes(axes[blocks], 1, 2) @ values[places]
+            values[places] -= axes[blocks] @ along_axes
+            components.append(along_axes.reshape(-1, values.shape[1]))
+        return np.concatenate(components)
+
+    @cached_property
+    def intact(self) -> Floats:
+        """Mask of the combinations of independent observations and blocks without rejected members, (N,), floats."""
+        mask = np.ones(len(self.number))
+        for combinations, _ in self.rejections:
+            mask[combinations] = 0.0
+        return mask
+
+    def whitened(self, rows_of: RowsOf) -> Iterator[Floats]:
+        """Independent combinations of unit variance, part by part."""
+        return self._projected(super().whitened(rows_of))
+
+    def transposed(self, parts: Iterable[Floats]) -> Iterator[tuple[Rows, Floats]]:
+        """Yield rows and the transposed map of the parts of :meth:`whitened`, which are overwritten."""
+        return super().transposed(self._projected(parts))
+
+    def _projected(self, parts: Iterable[Floats]) -> Iterator[Floats]:
+        start = 0
+        for values in parts:
+            self.project(values, start)
+            start += len(values)
+            yield values
 
     @cached_property
     def of_each(self) -> list[Indices]:
@@ -112,6 +172,11 @@ class IndependentSeries(StructuredWhitener):
             width_s.append(duration_s)
         return place, np.array(begin), np.array(width_s)
 
+    @cached_property
+    def in_bin(self) -> Floats:
+        """Number of combinations in each bin, those of blocks with rejected members omitted."""
+        return np.bincount(self.bins[0], self.intact).astype(np.float64)
+
     def binned(self, parts: Iterable[Floats]) -> tuple[Floats, Floats]:
         """Return sums (n, c) of whitened parts in bins by the roots of their counts, and squares of column 0, (s,)."""
         # Sums over the root of the count are of unit variance where observations are independent.
@@ -121,9 +186,9 @@ class IndependentSeries(StructuredWhitener):
             part = slice(start, start + len(values))
             sums = sums if start else np.zeros((len(sums), values.shape[1]))
             start = part.stop
-            add_rows(sums, place[part], values)
-            squares += np.bincount(self.number[part], values[:, 0] ** 2, len(squares))
-        return sums / np.sqrt(np.bincount(place))[:, None], squares
+            add_rows(sums, place[part], values, self.intact[part])
+            squares += np.bincount(self.number[part], self.intact[part] * values[:, 0] ** 2, len(squares))
+        return sums / np.sqrt(np.maximum(self.in_bin, 1.0))[:, None], squares
 
     def sections(self, parts: Iterable[Floats]) -> Iterator[tuple[slice, list[int], Floats]]:
         """Yield successive combinations, the series to which they all belong, and their columns from all parts."""
@@ -148,6 +213,38 @@ class IndependentSeries(StructuredWhitener):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class StatedSeries:
+    """Series of all usable observations by their stated noise, for fits that reject a few of them."""
+
+    noise: ObservationCovariance
+    series: IndependentSeries
+    whitened: WhitenedPartials
+
+    @classmethod
+    def from_basis(
+        cls, order: SeriesOrder, noise: ObservationCovariance, usable: Mask, basis: Floats, from_free: Floats
+    ) -> StatedSeries | None:
+        """Whiten the partials (n, q) of orthonormal coordinates; None if observations share more than an epoch."""
+        series = independent_series(order, noise, usable)
+        if not all(isinstance(structure, Diagonal | Blocks) for structure in series.structures):
+            return None
+        parts = tuple(series.whitened(lambda rows: basis[rows]))
+        return cls(
+            noise, series, WhitenedPartials(parts, from_free, tuple(gram(part, part) for part in parts))
+        )
+
+    def with_rejections(self, rejected: Mask) -> tuple[IndependentSeries, WhitenedPartials]:
+        """Return the series without the rejected observations (n,), and their partials."""
+        series, start = self.series.with_rejections(rejected), 0
+        parts, grams = [part.copy() for part in self.whitened.parts], list(self.whitened.grams)
+        for k, part in enumerate(parts):
+            components = series.project(part, start)
+            grams[k] = grams[k] - components.T @ components
+            start += len(part)
+        return series, WhitenedPartials(tuple(parts), self.whitened.from_free, tuple(grams))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class CorrelatedWhitener:
     """Whitener of series that have noise of their own, in units of the stated noise."""
 
@@ -167,7 +264,12 @@ class CorrelatedWhitener:
         step_s = np.diff(series.time_s, prepend=series.time_s[0])
         transition = transitions(step_s, variance, tau_s, changed(series.number))
         every = np.zeros((len(white), 1), dtype=np.intp)
-        return cls(series, KalmanFilter.from_processes(every, np.ones(every.shape), white, transition))
+        return cls(series, KalmanFilter.from_processes(every, series.intact[:, None], white, transition))
+
+    @property
+    def stated(self) -> IndependentSeries:
+        """Whitener of the stated noise."""
+        return self.series
 
     @property
     def structures(self) -> tuple[Structure, ...]:
@@ -188,11 +290,13 @@ class CorrelatedWhitener:
         return self.series.transposed(np.split(self.filter.adjoint(np.concatenate(whitened)), ends[:-1]))
 
 
-def add_rows(sums: Floats, place: Indices | Codes, values: Floats) -> None:
-    """Add values (m, c) to those rows of sums that are their places (m,)."""
+def add_rows(sums: Floats, place: Indices | Codes, values: Floats, weight: Floats | float = 1.0) -> None:
+    """Add values (m, c) times weights (m,) to those rows of sums that are their places (m,)."""
     from scipy.sparse import csr_array
 
-    matrix = csr_array((np.ones(len(place)), place, np.arange(len(place) + 1)), (len(place), len(sums)))
+    matrix = csr_array(
+        (weight * np.ones(len(place)), place, np.arange(len(place) + 1)), (len(place), len(sums))
+    )
     sums += matrix.T @ values
 
 
@@ -200,18 +304,17 @@ def points_of(series: IndependentSeries, rows_of: RowsOf) -> Points:
     """Points of each series, averaged beyond :data:`MAX_POINTS`: residuals in column 0, then partials."""
     place, begin, width_s = series.bins
     columns, squares = series.binned(series.whitened(rows_of))
-    in_bin = np.bincount(place)
-    time_s = np.bincount(place, series.time_s) / in_bin
+    time_s = np.bincount(place, series.time_s) / np.bincount(place)
     step_s = np.diff(time_s, prepend=time_s[0])
     step_s[begin[:-1]] = 0.0
     return Points(
         series=series.series,
         begin=begin,
-        count=np.bincount(series.number, minlength=len(squares)),
+        count=np.bincount(series.number, series.intact, len(squares)),
         squares=squares,
         width_s=width_s,
         step_s=step_s,
-        gain=np.sqrt(in_bin),
+        gain=np.sqrt(series.in_bin),
         residual=columns[:, 0].copy(),
         unit=columns[:, 1:],
         time_s=time_s,

@@ -235,7 +235,7 @@ class Prepared:
         )
         values = np.append(x[:count], np.zeros(directions.shape[1]))
         linear = linear_problem(
-            np.hstack([partials[:, :count], directions]), parameters, values, noise, usable
+            np.hstack([partials[:, :count], directions]), parameters, values, noise, usable, problem.order
         )
         if linear is None:
             return None

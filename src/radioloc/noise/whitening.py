@@ -59,6 +59,10 @@ class LinkedWhitener(Whitener, Protocol):
         """Structures of the used observations."""
 
     @property
+    def stated(self) -> StructuredWhitener:
+        """Whitener of the structures without the filter."""
+
+    @property
     def filter(self) -> KalmanFilter | None:
         """Filter of all their combinations."""
 
@@ -228,14 +232,9 @@ class StructuredWhitener:
             yield rows, np.concatenate(parts_of_group)
 
     @property
-    def weights(self) -> Floats | None:
-        """Weights (n,), zero for observations that are not used; None if observations share errors."""
-        weights = np.zeros(self.count)
-        for structure in self.structures:
-            if not isinstance(structure, Diagonal):
-                return None
-            weights[structure.rows] = structure.sigma_m**-2.0
-        return weights
+    def stated(self) -> StructuredWhitener:
+        """The whitener itself."""
+        return self
 
     @property
     def sigma_m(self) -> Floats | None:

@@ -1,10 +1,14 @@
 """Fits of a prepared linear problem are those of the general one, editing and variance components included."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from radioloc.estimation import Labels, Parameter, ParameterSet
+from radioloc.estimation.consider import consider_sensitivity
 from radioloc.estimation.least_squares import fit_least_squares
+from radioloc.estimation.linearization import OrthonormalLinearization
 from radioloc.estimation.robust import linear_problem
 from radioloc.estimation.series import SeriesOrder
 from radioloc.estimation.time_correlation import fit_with_correlated_weights
@@ -109,45 +113,67 @@ def test_nothing_is_made_where_not_everything_is_determined():
     )
 
 
-def test_the_same_where_observations_share_errors():
+@pytest.mark.parametrize("prepared", [False, True])
+def test_the_same_where_observations_share_errors(prepared):
     rng = np.random.default_rng(2)
     partials, parameters, sigma_m, _ = problem(rng, 300)
     source = np.stack([np.arange(300) % 3, (np.arange(300) + 1) % 3], axis=-1)
     shared = SharedAtEpoch(np.arange(300) // 3, source, np.tile([-0.3, 0.3], (300, 1)))
     noise = ObservationCovariance((White(sigma_m), shared))
     residual_m, x, used = sigma_m * rng.standard_normal(300), np.zeros(5), rng.random(300) > 0.05
-    calls = linear_problem(partials, parameters, x, noise, np.ones(300, bool))
-    item = fit_least_squares(calls.residual_function(residual_m), parameters, noise, used=used)
+    order = SeriesOrder.from_labels(
+        Labels.from_texts(["vlbi_delay"] * 300),
+        Labels.from_texts(["B>C", "C>D", "D>B"] * 100),
+        np.arange(300.0) // 3,
+    )
+    calls = linear_problem(partials, parameters, x, noise, np.ones(300, bool), order if prepared else None)
+    whitening, linear = None, OrthonormalLinearization(calls, residual_m)
+    if prepared:
+        whitening, whitened = calls.stated.with_rejections(~used)
+        linear = replace(linear, whitened=whitened)
+    item = fit_least_squares(
+        calls.residual_function(residual_m),
+        parameters,
+        noise,
+        used=used,
+        start=x,
+        linearization=linear,
+        whitening=whitening,
+    )
     fit = fit_least_squares(lambda at: (residual_m - partials @ at, partials), parameters, noise, used=used)
     np.testing.assert_allclose((item.x - fit.x) / fit.sigmas, 0.0, atol=SAME_SIGMAS)
     np.testing.assert_allclose(item.covariance, fit.covariance, rtol=1e-6, atol=1e-9 * fit.sigmas.max())
     assert item.chi2 == pytest.approx(fit.chi2)
+    effects_m = rng.standard_normal((300, 2))
+    sensitivities = (consider_sensitivity(result, lambda rows: effects_m[rows], 2) for result in (item, fit))
+    np.testing.assert_allclose(*sensitivities, rtol=1e-6)
 
 
-def test_the_same_with_weights_that_allow_for_correlation():
+@pytest.mark.parametrize("prepared", [False, True])
+def test_the_same_with_weights_that_allow_for_correlation(prepared):
     """Errors of ranges and of stations last for hours; a filter whitens ranges, delays have other sigmas."""
-    rng, n, tau_s = np.random.default_rng(3), 600, 3600.0
+    rng, n, tau_s = np.random.default_rng(3), 480, 3600.0
     partials, parameters, _, _ = problem(rng, n)
-    partials[:, 4], time_s = 0.0, 300.0 * np.append(np.arange(300), np.repeat(np.arange(100), 3))
+    partials[:, 4], time_s = 0.0, 300.0 * np.append(np.arange(240), np.repeat(np.arange(80), 3))
     parameters = parameters.changed("rate", role=Role.FIXED)
     partials[:, :3] = np.sin(time_s[:, None] * [1e-5, 2e-5, 3e-5] + np.arange(3.0))
-    partials[:, 3] = np.arange(n) < 300
-    errors = np.zeros((300, 4))
-    for k, drive in enumerate(rng.standard_normal((300, 4))):
+    partials[:, 3] = np.arange(n) < 240
+    errors = np.zeros((240, 4))
+    for k, drive in enumerate(rng.standard_normal((240, 4))):
         errors[k] = np.exp(-300.0 / tau_s) * errors[k - 1] + np.sqrt(1.0 - np.exp(-600.0 / tau_s)) * drive
-    baselines, epoch = np.array([[0, 1], [0, 2], [1, 2]])[np.arange(300) % 3], np.arange(300) // 3
+    baselines, epoch = np.array([[0, 1], [0, 2], [1, 2]])[np.arange(240) % 3], np.arange(240) // 3
     delay_m = 0.3 * (errors[epoch, 1 + baselines[:, 1]] - errors[epoch, 1 + baselines[:, 0]])
     residual_m = np.append(2.0 * errors[:, 0], delay_m) + 0.2 * rng.standard_normal(n)
-    group = np.append(np.full(300, -1), epoch)
-    source = np.vstack([np.zeros((300, 2), dtype=np.intp), baselines])
-    shared = SharedAtEpoch(group, source, np.outer(np.arange(n) >= 300, [-0.3, 0.3]))
-    sigma_m = np.where(np.arange(n) < 300, 2.0, 0.2)
+    group = np.append(np.full(240, -1), epoch)
+    source = np.vstack([np.zeros((240, 2), dtype=np.intp), baselines])
+    shared = SharedAtEpoch(group, source, np.outer(np.arange(n) >= 240, [-0.3, 0.3]))
+    sigma_m = np.where(np.arange(n) < 240, 2.0, 0.2)
     noise, residual_m[20] = ObservationCovariance((White(sigma_m), shared)), 80.0
-    types = Labels((np.arange(n) >= 300).astype(np.int32), ("range", "vlbi_delay"))
-    paths = Labels.from_texts(["A"] * 300 + [("B>C", "B>D", "C>D")[k % 3] for k in range(300)])
+    types = Labels((np.arange(n) >= 240).astype(np.int32), ("range", "vlbi_delay"))
+    paths = Labels.from_texts(["A"] * 240 + [("B>C", "B>D", "C>D")[k % 3] for k in range(240)])
     order = SeriesOrder.from_labels(types, paths, time_s)
     x = np.zeros(5)
-    calls = linear_problem(partials, parameters, x, noise, np.ones(n, bool))
+    calls = linear_problem(partials, parameters, x, noise, np.ones(n, bool), order if prepared else None)
 
     def fit(linear):
         edited = fit_with_variance_components(linear, parameters, noise, order=order)

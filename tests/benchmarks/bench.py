@@ -150,7 +150,7 @@ def polynomials(coefficients, x, n):
     out, total = np.empty(x.shape[0]), 0.0
     for _ in range(0, n, x.shape[0]):
         for q in range(coefficients.shape[1]):
-            _polynomial(coefficients, 0, q, 0, x, out, x.shape[0])
+            _polynomial(coefficients[0, q], x, out)
             total += out[0]
     return total
 

@@ -206,18 +206,24 @@ def half_products(
     step_s: Floats,
     gain: Floats,
     white: Floats,
-    variance: Floats,
-    tau_s: Floats,
+    processes: Floats,
     columns: Floats,
-) -> Floats:
+    decay: Floats,
+    states: Floats,
+    half: Floats,
+) -> None:
     """Lower triangle of the covariance of series, half its diagonal, times columns, as in :mod:`gauss_markov`."""
     # Series k has white noise and processes with variances and correlation times (s, p); zeros stand for no process.
-    (n, m), (series, p) = columns.shape, variance.shape
-    half = np.empty((n, m))
+    m, (_, series, p) = columns.shape[1], processes.shape
+    variance, tau_s = processes[0], processes[1]
     for k in range(series):
-        states, decay, first = np.zeros((p, m)), np.zeros(p), begin[k]
+        first, sum_variance = begin[k], 0.0
+        for a in range(p):
+            sum_variance += variance[k, a]
+            for j in range(m):
+                states[a, j] = 0.0
         for i in range(first, begin[k + 1]):
-            weight = 0.5 * (white[k] - variance[k].sum() * gain[i] ** 2)
+            weight = 0.5 * (white[k] - sum_variance * gain[i] * gain[i])
             for j in range(m):
                 half[i, j] = weight * columns[i, j]
             for a in range(p):
@@ -228,7 +234,6 @@ def half_products(
                 for j in range(m):
                     states[a, j] = decay[a] * states[a, j] + gain[i] * columns[i, j]
                     half[i, j] += gain[i] * variance[k, a] * states[a, j]
-    return half
 
 
 @compiled(error_model="numpy")

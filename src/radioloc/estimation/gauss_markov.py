@@ -168,14 +168,18 @@ def half_products(
     """
     from radioloc.estimation._kernels import half_products as compiled
 
-    variance, tau_s = np.zeros((2, len(noise), max((len(item.tau_s) for item in noise), default=0)))
+    processes = np.zeros((2, len(noise), max((len(item.tau_s) for item in noise), default=0)))
+    variance, tau_s = processes
     for k, item in enumerate(noise):
         variance[k, : len(item.tau_s)], tau_s[k, : len(item.tau_s)] = item.coloured, item.tau_s
     tau_s[tau_s == 0.0] = 1.0  # of no process
     variance *= mean_correlation(np.broadcast_to(width_s, len(noise))[:, None], tau_s)
     variance[variance <= _MIN_PRODUCT_VARIANCE_FRACTION * variance.sum(axis=1, keepdims=True)] = 0.0
     white = np.array([item.white for item in noise])
-    return np.asarray(compiled(begin, step_s, gain, white, variance, tau_s, np.ascontiguousarray(columns)))
+    columns, decay = np.ascontiguousarray(columns), np.zeros(tau_s.shape[1])
+    states, half = np.empty((len(decay), columns.shape[1])), np.empty(columns.shape)
+    compiled(begin, step_s, gain, white, processes, columns, decay, states, half)
+    return half
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.compiled import compiled
-from radioloc.vectors import Floats
+from radioloc.vectors import Floats, Indices
 
 GROUP_SIZE = 2048  # rows sorted by segment together; results of a quantity fit into the nearest cache
 BIN_COUNT = 32  # largest number of segments of a group
@@ -18,44 +18,59 @@ EXACT_SEGMENT = -1  # segments up to this index mark rows that are not interpola
 
 
 @compiled()
-def _polynomial(coefficients: Floats, s: int, q: int, begin: int, t: Floats, out: Floats, m: int) -> None:
-    """Evaluate quantity `q` of segment `s` at the first `m` of `t` by Horner's rule, from coefficient `begin` on."""
-    # Coefficients, powers descending, have the shape (n_segments, n_quantities, n_coefficients); those before `begin`
-    # are 0, and a multiple of four follow it. Four steps are made for each access to `out`.
-    b, c = coefficients[s, q, begin], coefficients[s, q, begin + 1]
-    d, e, f = coefficients[s, q, begin + 2], coefficients[s, q, begin + 3], coefficients[s, q, begin + 4]
-    for j in range(m):
+def _polynomial(coefficients: Floats, t: Floats, out: Floats) -> None:
+    """Evaluate a polynomial at places t by Horner's rule, from the first four coefficients on that are not all zero."""
+    # Powers are descending, and a multiple of four follows the first. Four steps are made for each access to `out`.
+    begin, size = 0, len(coefficients)
+    while begin + 5 < size and (
+        coefficients[begin]
+        == coefficients[begin + 1]
+        == coefficients[begin + 2]
+        == coefficients[begin + 3]
+        == 0.0
+    ):
+        begin += 4
+    b, c = coefficients[begin], coefficients[begin + 1]
+    d, e, f = coefficients[begin + 2], coefficients[begin + 3], coefficients[begin + 4]
+    for j in range(len(t)):
         u = t[j]
         out[j] = (((b * u + c) * u + d) * u + e) * u + f
-    for k in range(begin + 5, coefficients.shape[2], 4):
-        c, d = coefficients[s, q, k], coefficients[s, q, k + 1]
-        e, f = coefficients[s, q, k + 2], coefficients[s, q, k + 3]
-        for j in range(m):
+    for k in range(begin + 5, size, 4):
+        c, d = coefficients[k], coefficients[k + 1]
+        e, f = coefficients[k + 2], coefficients[k + 3]
+        for j in range(len(t)):
             u = t[j]
             out[j] = (((out[j] * u + c) * u + d) * u + e) * u + f
 
 
-@compiled()
-def _leading(coefficients: Floats, s: int, q: int) -> int:
-    """Return the first coefficient for :func:`_polynomial`; those before it are zero."""
-    k = 0
-    while k + 5 < coefficients.shape[2] and not coefficients[s, q, k : k + 4].any():
-        k += 4
-    return k
-
-
-@compiled()
 def quantities(
     segment: NDArray[np.int32], x: Floats, coefficients: Floats, out: Floats, begin: int, end: int
 ) -> None:
     """Evaluate all quantities of the rows from `begin` to `end` into `out`, shape (n_quantities, n)."""
-    # `x`, -1 to 1, is the time within the segment; rows that are not interpolated (segment below zero) become NaN.
-    n_quantities = coefficients.shape[1]
-    next_place = np.full(coefficients.shape[0], -1, dtype=np.int64)
-    bin_segment = np.empty(BIN_COUNT, dtype=np.int32)
+    # `coefficients` have the shape (n_segments, n_quantities, n_coefficients). `x`, -1 to 1, is the time within the
+    # segment; rows that are not interpolated (segment below zero) become NaN. Each array that compiled code allocates
+    # takes the compiler a tenth of a second.
+    next_place = np.full(len(coefficients), -1)
     place = np.empty(GROUP_SIZE, dtype=np.uint32)  # signed indices would be checked for negative values
-    t, at_t = np.empty(BIN_COUNT * BIN_SIZE), np.empty(BIN_COUNT * BIN_SIZE + 1)
-    at_t[-1] = np.nan
+    binned = np.empty((2, BIN_COUNT * BIN_SIZE + 1))  # times, and values at them
+    binned[1, -1] = np.nan
+    _quantities(segment, x, coefficients, next_place, place, binned, out, begin, end)
+
+
+@compiled()
+def _quantities(
+    segment: NDArray[np.int32],
+    x: Floats,
+    coefficients: Floats,
+    next_place: Indices,
+    place: NDArray[np.uint32],
+    binned: Floats,
+    out: Floats,
+    begin: int,
+    end: int,
+) -> None:
+    n_quantities, t, at_t = coefficients.shape[1], binned[0], binned[1]
+    bin_segment = np.empty(BIN_COUNT, dtype=np.int32)
     first = begin
     while first < end:
         # Long runs of a segment are evaluated in place.
@@ -66,10 +81,7 @@ def quantities(
             s = segment[first]
             for q in range(n_quantities):
                 if s > EXACT_SEGMENT:
-                    k = _leading(coefficients, s, q)
-                    _polynomial(
-                        coefficients, s, q, k, x[first:run_end], out[q, first:run_end], run_end - first
-                    )
+                    _polynomial(coefficients[s, q], x[first:run_end], out[q, first:run_end])
                 else:
                     out[q, first:run_end] = np.nan
             first = run_end
@@ -98,8 +110,7 @@ def quantities(
         for q in range(n_quantities):
             for g in range(bin_count):
                 s, of_bin = bin_segment[g], g * BIN_SIZE
-                k = _leading(coefficients, s, q)
-                _polynomial(coefficients, s, q, k, t[of_bin:], at_t[of_bin:], next_place[s] - of_bin)
+                _polynomial(coefficients[s, q], t[of_bin : next_place[s]], at_t[of_bin:])
             values = out[q, first:stop]
             for j in range(stop - first):
                 values[j] = at_t[place[j]]

@@ -2,12 +2,11 @@
 
 Observation i has the error e_i + sum_c sign_ic p_a(t_i) with a = process_ic. From one row to the next each process is
 multiplied by `decay` (n, s) and gains the variance `added` (n, s). The functions release the interpreter's lock; every
-number is computed by the same operations in the same order on any machine load.
+number is computed by the same operations in the same order on any machine load. Callers allocate results, and zeros for
+states, as compiled code that allocates takes the compiler a third longer.
 """
 
 import math
-
-import numpy as np
 
 from radioloc.compiled import compiled
 from radioloc.vectors import Floats, Indices
@@ -15,13 +14,19 @@ from radioloc.vectors import Floats, Indices
 
 @compiled(error_model="numpy")
 def filter_gains(
-    process: Indices, sign: Floats, white: Floats, min_variance: Floats, decay: Floats, added: Floats
-) -> tuple[Floats, Floats]:
-    """Kalman gains (n, s), and one over the standard deviation of each innovation, (n,)."""
+    process: Indices,
+    sign: Floats,
+    white: Floats,
+    min_variance: Floats,
+    decay: Floats,
+    added: Floats,
+    covariance: Floats,
+    gain: Floats,
+    scale: Floats,
+) -> None:
+    """Kalman gains (n, s), and one over the standard deviation of each innovation, (n,), in place of zeros."""
     # An innovation whose variance is not above `min_variance` (n,) follows from earlier ones: zeros.
-    n, width = process.shape
-    s = decay.shape[1]
-    covariance, gain, scale = np.zeros((s, s)), np.zeros((n, s)), np.zeros(n)
+    (n, width), s = process.shape, len(covariance)
     for i in range(n):
         k, variance = gain[i], white[i]
         for a in range(s):
@@ -36,7 +41,8 @@ def filter_gains(
             if process[i, c] >= 0:
                 variance += sign[i, c] * k[process[i, c]]
         if not variance > min_variance[i]:
-            k[:] = 0.0
+            for a in range(s):
+                k[a] = 0.0
             continue
         scale[i] = 1.0 / math.sqrt(variance)
         for a in range(s):
@@ -44,7 +50,6 @@ def filter_gains(
                 covariance[a, b] -= k[a] * k[b] / variance
         for a in range(s):
             k[a] /= variance
-    return gain, scale
 
 
 @compiled(error_model="numpy")
@@ -56,11 +61,11 @@ def filter_innovations(
     scale: Floats,
     state: Floats,
     columns: Floats,
-) -> Floats:
+    out: Floats,
+) -> None:
     """Innovations of columns (n, m) over their standard deviations; the state (s, m) goes on between calls."""
     n, m = columns.shape
     s, width = len(state), process.shape[1]
-    out = np.empty((n, m))
     for i in range(n):
         for a in range(s):
             for j in range(m):
@@ -73,17 +78,15 @@ def filter_innovations(
             out[i, j] = innovation * scale[i]
             for a in range(s):
                 state[a, j] += gain[i, a] * innovation
-    return out
 
 
 @compiled(error_model="numpy")
 def filter_adjoint(
-    process: Indices, sign: Floats, decay: Floats, gain: Floats, scale: Floats, columns: Floats
+    process: Indices, sign: Floats, decay: Floats, gain: Floats, scale: Floats, state: Floats, columns: Floats
 ) -> None:
     """Transpose of :func:`filter_innovations`, in place: both together multiply by the inverse covariance."""
     n, m = columns.shape
-    s, width = gain.shape[1], process.shape[1]
-    state = np.zeros((s, m))
+    s, width = len(state), process.shape[1]
     for i in range(n - 1, -1, -1):
         for j in range(m):
             value = columns[i, j] * scale[i]
@@ -99,13 +102,11 @@ def filter_adjoint(
 
 
 @compiled(error_model="numpy")
-def recursions(decay: Floats, weight: Floats, drive: Floats) -> Floats:
+def recursions(decay: Floats, weight: Floats, drive: Floats, states: Floats, out: Floats) -> None:
     """Sum of the columns x_i = decay_i x_(i-1) + drive_i of p processes, (n, m), times their weights (p,)."""
     n, m = drive.shape
-    out, states = np.zeros((n, m)), np.zeros((len(weight), m))
     for i in range(n):
         for a in range(len(weight)):
             for j in range(m):
                 states[a, j] = decay[i, a] * states[a, j] + drive[i, j]
                 out[i, j] += weight[a] * states[a, j]
-    return out

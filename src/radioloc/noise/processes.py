@@ -47,7 +47,9 @@ def recursions(decay: Floats, weight: Floats, drive: Floats) -> Floats:
     """Sum of the columns x_i = decay_i x_(i-1) + drive_i (n, m) of processes (n, p) times their weights (p,)."""
     from radioloc.noise._kernels import recursions as compiled
 
-    return np.asarray(compiled(decay, weight, np.ascontiguousarray(drive)))
+    out = np.zeros(drive.shape)
+    compiled(decay, weight, np.ascontiguousarray(drive), np.zeros((len(weight), drive.shape[1])), out)
+    return out
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,9 +75,11 @@ class KalmanFilter:
         from radioloc.noise._kernels import filter_gains
 
         min_variance = np.zeros(len(white)) if min_variance is None else min_variance
-        return cls(
-            process, sign, transition[0], *filter_gains(process, sign, white, min_variance, *transition)
-        )
+        decay, added = transition
+        (n, s), scale = decay.shape, np.zeros(len(white))
+        covariance, gain = np.zeros((s, s)), np.zeros((n, s))
+        filter_gains(process, sign, white, min_variance, decay, added, covariance, gain, scale)
+        return cls(process, sign, decay, gain, scale)
 
     def innovations(self, columns: Floats, rows: slice = slice(None), state: Floats | None = None) -> Floats:
         """Innovations of the columns (m, c) of some rows over their sigmas; the state (s, c) goes on between calls."""
@@ -83,7 +87,9 @@ class KalmanFilter:
 
         state = np.zeros((self.gain.shape[1], columns.shape[1])) if state is None else state
         matrices = (matrix[rows] for matrix in (self.process, self.sign, self.decay, self.gain, self.scale))
-        return np.asarray(filter_innovations(*matrices, state, np.ascontiguousarray(columns)))
+        out = np.empty(columns.shape)
+        filter_innovations(*matrices, state, np.ascontiguousarray(columns), out)
+        return out
 
     def adjoint(self, columns: Floats, rows: slice = slice(None)) -> Floats:
         """Transpose of :meth:`innovations`: both one after the other multiply by the inverse covariance.
@@ -94,5 +100,5 @@ class KalmanFilter:
 
         matrices = (matrix[rows] for matrix in (self.process, self.sign, self.decay, self.gain, self.scale))
         columns = np.ascontiguousarray(columns)
-        filter_adjoint(*matrices, columns)
+        filter_adjoint(*matrices, np.zeros((self.gain.shape[1], columns.shape[1])), columns)
         return columns

@@ -108,11 +108,12 @@ class Detected:
     features: dict[tuple[str, int, bytes], Features] = field(default_factory=dict)
     matches: dict[tuple[int, int], Matches] = field(default_factory=dict)  # by the identity of both features
 
-    def match(self, first: Features, second: Features) -> Matches:
-        """Return the matches of two images."""
+    def match(self, first: Features, second: Features, predicted: Floats | None) -> Matches:
+        """Return the matches of two images, near predicted partners if they are given."""
         key = id(first), id(second)
         if key not in self.matches:
-            self.matches[key] = match(first, second)
+            radius_px = math.inf if predicted is None else _PREDICTION_ERROR_PART * max(second.shape)
+            self.matches[key] = match(first, second, predicted, radius_px)
         return self.matches[key]
 
 
@@ -133,7 +134,7 @@ class ImageChain:
         self.mask, self.map, self.detected = mask, map_features, detected or Detected()
         self.images: list[ChainImage] = []
         self.tracks = map_features.tracks
-        self.links: list[tuple[int, int, Floats]] = []  # homographies between images
+        self.links: dict[tuple[int, int], Floats] = {}  # homographies of images to earlier ones
         self.searches = 0
         self.extent_m = map_features.base.extent_m(map_features.plane)
         if search_area is not None:
@@ -177,7 +178,10 @@ class ImageChain:
             earlier = self.images[number - step] if step <= number else None
             if earlier is None or earlier.features is None:
                 continue
-            matches = self.detected.match(features, earlier.features)
+            middle = number - step // 2
+            halves = self.links.get((middle, number - step)), self.links.get((number, middle))
+            predicted = None if halves[0] is None or halves[1] is None else _product(halves[0], halves[1])
+            matches = self.detected.match(features, earlier.features, predicted)
             featureless = matches.status is MatchStatus.FEATURELESS
             if featureless and len(features.pixels) < len(earlier.features.pixels):
                 image.features = None
@@ -187,7 +191,7 @@ class ImageChain:
             if matches.matrix is None:
                 continue
             image.record_match(earlier.name, matches.candidates)
-            self.links.append((number, number - step, matches.matrix))
+            self.links[number, number - step] = matches.matrix
             self.tracks.join(image.first + matches.first, earlier.first + matches.second)
             if earlier.to_plane is not None and len(matches.first) > best:
                 best, image.to_plane = len(matches.first), _product(earlier.to_plane, matches.matrix)
@@ -311,8 +315,13 @@ class ImageChain:
 
     def require_descent(self) -> None:
         """Raise an error for images in reversed order, whose pixels on the ground grow from image to image."""
-        neighbours = ((number, matrix) for number, earlier, matrix in self.links if number - earlier == 1)
-        growth = np.log([pixel_size_m(matrix, self.images[number].size) for number, matrix in neighbours])
+        growth = np.log(
+            [
+                pixel_size_m(matrix, self.images[number].size)
+                for (number, earlier), matrix in self.links.items()
+                if number - earlier == 1
+            ]
+        )
         factor = float(np.exp(growth.sum()))
         if factor > MAX_PIXEL_GROWTH and (growth > 0.0).mean() > _MIN_GROWING_PART:
             raise InputError(
@@ -322,7 +331,7 @@ class ImageChain:
 
     def place_all(self) -> None:
         """Set approximate homographies of images before the first one on the map."""
-        for number, earlier_number, matrix in reversed(self.links):
+        for (number, earlier_number), matrix in reversed(self.links.items()):
             image, earlier = self.images[number], self.images[earlier_number]
             if earlier.to_plane is None and image.to_plane is not None:
                 inverse = np.asarray(np.linalg.inv(matrix), dtype=np.float64)

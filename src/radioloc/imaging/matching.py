@@ -86,15 +86,15 @@ class Matches:
 def detect(image: Image, mask: Mask | None = None, count: int = 2000) -> Features:
     """Detect and describe features, those of most contrast in each part of the image; flat images yield zero."""
     cv2 = load_opencv()
-    usable = np.ones(image.shape, bool) if mask is None else mask
+    usable = None if mask is None else mask.astype(np.uint8)
     points: Any = ()
-    if usable.any() and not _is_flat(image[usable]):
+    if not _is_flat(cv2.calcHist([image], [0], usable, [256], [0, 256]).ravel()):
         image = cv2.createCLAHE(_CONTRAST_LIMIT, _CONTRAST_TILES).apply(image)
         # Without precise upscaling, features of images of different scale are 0.15 pixel apart in one direction.
         detector = cv2.SIFT_create(0, 3, 0.01, 10, _BLUR_PX, enable_precise_upscale=True)
-        points = detector.detect(image, usable.astype(np.uint8))
+        points = detector.detect(image, usable)
         points = [points[k] for k in _strongest_by_cell(points, image.shape, count)]
-    pixels = np.array([p.pt for p in points], dtype=np.float64).reshape(-1, 2)
+    pixels = _pixels(points)
     sigma_px = np.hypot(_SIGMA_PX, _SIGMA_SIZE_RATIO * np.array([p.size for p in points], dtype=np.float64))
     return Features(pixels, sigma_px, _descriptors(image, points), (image.shape[0], image.shape[1]))
 
@@ -154,16 +154,21 @@ def _descriptors(image: Image, points: Any) -> NDArray[np.uint8]:
     return roots.astype(np.uint8)
 
 
-def _is_flat(values: NDArray[np.uint8]) -> bool:
-    """Return True for black, saturated or uniform images."""
-    low, high = np.percentile(values, [1.0, 99.0])
-    return bool(high - low < 3 or np.mean(values == 255) > _SATURATED_PART)
+def _is_flat(histogram: NDArray[np.float32]) -> bool:
+    """Return True for the numbers of pixels of each grey value of black, saturated, uniform or no images."""
+    part = np.cumsum(histogram, dtype=np.float64) / max(histogram.sum(), 1.0)
+    low, high = np.searchsorted(part, [0.01, 0.99])
+    return bool(high - low < 3 or part[-2] < 1.0 - _SATURATED_PART)
+
+
+def _pixels(points: Any) -> Floats:
+    """Return the pixels of features, shape (n, 2)."""
+    return np.array(load_opencv().KeyPoint_convert(points), dtype=np.float64).reshape(-1, 2)
 
 
 def _strongest_by_cell(points: Any, shape: tuple[int, ...], count: int) -> Indices:
     """Return `count` features, those of strongest response in each cell of a grid."""
-    pixels = np.array([p.pt for p in points], dtype=np.float64).reshape(-1, 2)
-    response = np.array([p.response for p in points])
+    pixels, response = _pixels(points), np.array([p.response for p in points])
     cell = math.sqrt(shape[0] * shape[1] / max(count / 4.0, 1.0))
     place = (pixels // cell).astype(np.int64)
     key = place[:, 1] * (1 + int(shape[1] // cell)) + place[:, 0]

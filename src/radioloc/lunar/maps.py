@@ -87,6 +87,7 @@ class Map:
     resolution_m: float  #: of a pixel where the projection is true to scale
     coverage: str  #: text, in degrees
     _grid: MapGrid = field(repr=False)
+    _overviews: tuple[int, ...] = field(repr=False)  # their factors
 
     @classmethod
     def open(cls, path: str | Path) -> Map:
@@ -102,7 +103,8 @@ class Map:
         """
         path = Path(path)
         with open_map_file(path, "u1 i1 i2 u2 i4 u4 f4 f8", "a map image of one band") as file:
-            return cls(path, file.files(), file.grid.resolution_m, file.grid.coverage(), file.grid)
+            overviews = tuple(file.dataset.overviews(1))
+            return cls(path, file.files(), file.grid.resolution_m, file.grid.coverage(), file.grid, overviews)
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -234,16 +236,16 @@ class Map:
     @contextmanager
     def _source(self, plane: TangentPlane, reduction: float) -> Iterator[tuple[Any, tuple[Any, Any]]]:
         """Yield the coarsest sufficient overview, its seam opposite the view, its reference system and transform."""
-        with open_dataset(self.path) as dataset:
-            count = sum(factor <= reduction for factor in dataset.overviews(1))
-        overview = count - 1 if count else None
-        first = 0
-        with open_dataset(self.path, **({} if overview is None else {"overview_level": overview})) as dataset:
-            by_column, by_row = self.shape[1] / dataset.width, self.shape[0] / dataset.height
-            if self._grid.closed and self._grid.columns_around == self.shape[1]:
-                [[middle, _]] = self.pixels([[plane.longitude_deg, 0.0]])
-                if math.isfinite(middle):
-                    first = round((middle + 0.5) / by_column - 0.5 * dataset.width) % dataset.width
+        count = sum(factor <= reduction for factor in self._overviews)
+        overview, (rows, columns), first = count - 1 if count else None, self.shape, 0
+        if count:
+            with open_dataset(self.path, overview_level=overview) as dataset:
+                rows, columns = dataset.shape
+        by_column, by_row = self.shape[1] / columns, self.shape[0] / rows
+        if self._grid.closed and self._grid.columns_around == self.shape[1]:
+            [[middle, _]] = self.pixels([[plane.longitude_deg, 0.0]])
+            if math.isfinite(middle):
+                first = round((middle + 0.5) / by_column - 0.5 * columns) % columns
         crs, (a, b, c, d, e, f, *_) = self._grid.unrolled(first * by_column)
         with open_grey(self.path, overview=overview, first_column=first) as dataset:
             kind = load_rasterio().Affine

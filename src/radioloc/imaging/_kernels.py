@@ -1,19 +1,12 @@
-"""Compiled loops: interpolation of exterior orientation, the adjustment of images, and their rectification.
-
-Observations of pixels in the adjustment are sorted by points, and those of a point by images. `first` has the index of
-the first observation of each point, and ends with the number of observations.
-"""
+"""Compiled loops: interpolation of exterior orientation, and rectification of images."""
 
 import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.compiled import compiled
 from radioloc.vectors import Floats
-
-Indices = NDArray[np.int64]
 
 
 @compiled()
@@ -47,26 +40,6 @@ def lagrange(times_s: Floats, values: Floats, time_s: Floats) -> Floats:
             for j in range(width):
                 out[i, j] += weight * values[first + k, j]
     return out
-
-
-@compiled()
-def coupled(first: Indices, image: Indices, coupling: Floats, between: Floats, out: Floats) -> None:
-    """Add to `out`, (images, images, 8, 8), the sum over points of W B W^T where the first image is not less."""
-    # `coupling`: W^T of each observation, (n, 2, 8); `between`: B of each point, symmetric, (points, 2, 2).
-    s, t = np.empty(8), np.empty(8)
-    for j in range(len(first) - 1):
-        a, b, c = between[j, 0, 0], between[j, 0, 1], between[j, 1, 1]
-        for k in range(first[j], first[j + 1]):
-            for p in range(8):
-                u, v = coupling[k, 0, p], coupling[k, 1, p]
-                s[p], t[p] = a * u + b * v, b * u + c * v
-            for m in range(first[j], first[j + 1]):
-                if image[m] > image[k]:
-                    break
-                block = out[image[k], image[m]]
-                for p in range(8):
-                    for q in range(8):
-                        block[p, q] += s[p] * coupling[m, 0, q] + t[p] * coupling[m, 1, q]
 
 
 @compiled()

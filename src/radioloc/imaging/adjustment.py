@@ -347,10 +347,20 @@ def _normal_equations(
 
 def _coupled(first: Indices, image: Indices, coupling: Floats, between: Floats, images: int) -> Floats:
     """Return the sum over all points of W B W^T for pairs of images with the first not earlier than the second."""
-    from radioloc.imaging._kernels import coupled  # imports numba
-
+    number = np.diff(first)
+    weighted = np.repeat(between, number, axis=0) @ coupling
+    # Pairs of observations of a point, by the difference of their numbers.
+    to_end = np.repeat(first[1:], number) - np.arange(len(image))
+    starts = [np.flatnonzero(to_end > lag) for lag in range(number.max(initial=0))]
+    columns = np.concatenate(starts)
+    rows = columns + np.repeat(np.arange(len(starts)), [len(start) for start in starts])
+    key = image[rows] * images + image[columns]
+    order = np.argsort(key, kind="stable")
+    keys, bounds = np.unique(key[order], return_index=True)
     out = np.zeros((images, images, 8, 8))
-    coupled(first, image, coupling, between, out)
+    for k, pairs in zip(keys, np.split(order, bounds[1:]), strict=True):
+        designs = weighted[rows[pairs]].reshape(-1, 8), coupling[columns[pairs]].reshape(-1, 8)
+        out[divmod(k, images)] = designs[0].T @ designs[1]
     return out
 
 

@@ -35,6 +35,7 @@ _MAX_CERTAIN_ALARMS = -20.0
 # Pixel size as a part of the map's below which images are reduced by two: their tie points stay finer than the map's.
 _MAX_REDUCED_PIXEL_PART = 0.4
 _MIN_REDUCED_SIDE_PIXELS = 500  # so that frames far apart in scale keep enough features in common
+_PART_PIXELS = 900  # side of the part of the map for an image
 _SEARCH_PIXELS = 500, 4200  # sides of the whole map, reduced, for searches
 _PREDICTION_ERROR_PART = 0.08  # of an image's width: error of a prediction along the chain
 _DETECTED, _REDUCED = range(2)  # measurements: features, and features at the map's pixel size
@@ -272,8 +273,8 @@ class ImageChain:
                 if map_reduction > 1.5 * reduction and result is None:
                     features = self._features(image, pixels, map_reduction)
                     first = self.tracks.add(number, _REDUCED, features.pixels, features.sigma_px)
-                level = self.map.level(pixel_m * max(reduction, map_reduction))
-                result = self._match_predicted(features, to_plane, image.size, level, width_m) or result
+                pixel_m *= max(reduction, map_reduction)
+                result = self._match_predicted(features, to_plane, image.size, pixel_m, width_m) or result
         if result is None:
             return
         matches, part = result
@@ -283,7 +284,7 @@ class ImageChain:
         self.tracks.join(first + matches.first, part.numbers[matches.second])
 
     def _match_predicted(
-        self, features: Features, to_plane: Floats, size: tuple[int, int], level: int, width_m: float
+        self, features: Features, to_plane: Floats, size: tuple[int, int], pixel_m: float, width_m: float
     ) -> tuple[Matches, MapPart] | None:
         """Match an image with the part of the map that its approximate homography predicts."""
         corners = transformed(to_plane, np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]]) * size)
@@ -292,6 +293,9 @@ class ImageChain:
         east, north = corners.max(axis=0) + margin_m
         if max(east - west, north - south) > 10.0 * width_m:
             return None
+        # At finer levels, the part of an oblique image would lose most of its features.
+        side_m = math.sqrt((east - west) * (north - south))
+        level = self.map.level(max(pixel_m, side_m / _PART_PIXELS))
         part = self.map.part(level, (west, south, east, north))
         predicted = np.diag([1.0 / part.pixel_m, -1.0 / part.pixel_m, 1.0]) @ to_plane
         matches = match(features, part.features, predicted, max(10.0, margin_m / part.pixel_m))

@@ -212,14 +212,27 @@ class Poses:
 
     def pixels(self, image: Indices, point: Indices, places_m: Floats) -> Floats:
         """Return pixels of tie points, shape (n, 2)."""
-        ahead = self._ahead(image, self.relief.points(places_m)[0][point])
-        posed = _dehomogenized(vectors.rotated(self.cameras[image], ahead))
-        return np.where(self.low[image, np.newaxis], self.homographies.pixels(image, point, places_m), posed)
+        pixels, low = np.empty((len(image), 2)), self.low[image]
+        points = self.relief.points(places_m)[0][point[~low]]
+        pixels[~low] = _dehomogenized(
+            vectors.rotated(self.cameras[image[~low]], self._ahead(image[~low], points))
+        )
+        pixels[low] = self.homographies.pixels(image[low], point[low], places_m)
+        return pixels
 
     def project(self, image: Indices, point: Indices, places_m: Floats) -> Projected:
         """Return pixels of tie points with derivatives."""
+        low, n = self.low[image], len(image)
+        result = Projected(np.empty((n, 2)), np.empty((n, 2, 2)), np.empty((n, 2, 8)))
+        for rows, project in ((low, self.homographies.project), (~low, self._posed)):
+            for values, part in zip(result, project(image[rows], point[rows], places_m), strict=True):
+                values[rows] = part
+        return result
+
+    def _posed(self, image: Indices, point: Indices, places_m: Floats) -> Projected:
+        """Return pixels of tie points with derivatives by poses."""
         points, point_by_place = (part[point] for part in self.relief.points(places_m))
-        to_pixel = self.cameras[image] @ self.rotations[image]
+        to_pixel = (self.cameras @ self.rotations)[image]
         ahead = self._ahead(image, points)
         by_angles = -self.cameras[image] @ vectors.cross_matrices(ahead)
         by_position = -to_pixel * self.ranges_m()[image, np.newaxis, np.newaxis]
@@ -229,14 +242,7 @@ class Poses:
         )
         homogeneous = vectors.rotated(self.cameras[image], ahead)
         partials = _dehomogenized_partials(homogeneous, homogeneous_partials)
-        posed = Projected(_dehomogenized(homogeneous), partials[:, :, :2], partials[:, :, 2:])
-        low = self.low[image, np.newaxis, np.newaxis]
-        flat = self.homographies.project(image, point, places_m)
-        return Projected(
-            np.where(low[:, :, 0], flat.pixels, posed.pixels),
-            np.where(low, flat.by_place, posed.by_place),
-            np.where(low, flat.by_parameters, posed.by_parameters),
-        )
+        return Projected(_dehomogenized(homogeneous), partials[:, :, :2], partials[:, :, 2:])
 
     def fixed_corrections(self) -> NDArray[np.bool_]:
         """Return True for corrections without effect, shape (images, 8)."""

@@ -121,17 +121,20 @@ class _RobustSearch:
         tolerance = _LINEAR_TOLERANCE_SIGMAS if is_linear else _TOLERANCE_SIGMAS
         for _ in range(1 if is_linear else _MAX_LINEARIZATIONS):
             x, linearization, normalized = iterate
-            partials = linearization.partials(self.rows)
-            if not is_linear and q > MAX_DENSE_PARAMETERS:
-                root = _sparse_scales(self.parameters)
-            elif not is_linear:
-                dense = DenseLinearization(linearization.residual_m[self.rows], partials)
-                noise = ObservationCovariance.from_sigma(self.sigma_m, len(self.rows))
-                factor = factorize(dense, noise.whitener(), self.parameters, x)
-                if factor is None:
-                    break
-                root = factor.root_covariance()
-            basis = _coordinates(partials[:, free], root, self.sigma_m)
+            if self.problem is not None:
+                basis = self.problem.basis[self.rows] / self.sigma_m[:, None]
+            else:
+                partials = linearization.partials(self.rows)
+                if q > MAX_DENSE_PARAMETERS:
+                    root = _sparse_scales(self.parameters)
+                else:
+                    dense = DenseLinearization(linearization.residual_m[self.rows], partials)
+                    noise = ObservationCovariance.from_sigma(self.sigma_m, len(self.rows))
+                    factor = factorize(dense, noise.whitener(), self.parameters, x)
+                    if factor is None:
+                        break
+                    root = factor.root_covariance()
+                basis = _coordinates(partials[:, free], root, self.sigma_m)
             y = _huber_estimate(basis, normalized, *_prior_terms(self.parameters, x, root), tolerance)
             if np.abs(basis @ y).max(initial=0.0) < tolerance * max(1.0, robust_scale(normalized, q)):
                 break

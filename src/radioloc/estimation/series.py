@@ -128,6 +128,11 @@ class IndependentSeries(StructuredWhitener):
             components.append(along_axes.reshape(-1, values.shape[1]))
         return np.concatenate(components)
 
+    @property
+    def is_local(self) -> bool:
+        """Whether observations share errors within an epoch at most."""
+        return all(isinstance(structure, Diagonal | Blocks) for structure in self.structures)
+
     @cached_property
     def intact(self) -> Floats:
         """Mask of the combinations of independent observations and blocks without rejected members, (N,), floats."""
@@ -226,7 +231,7 @@ class StatedSeries:
     ) -> StatedSeries | None:
         """Whiten the partials (n, q) of orthonormal coordinates; None if observations share more than an epoch."""
         series = independent_series(order, noise, usable)
-        if not all(isinstance(structure, Diagonal | Blocks) for structure in series.structures):
+        if not series.is_local:
             return None
         parts = tuple(series.whitened(lambda rows: basis[rows]))
         return cls(

@@ -19,7 +19,7 @@ from radioloc.estimation.editing import THRESHOLD, EditedFit, fit_with_editing
 from radioloc.estimation.least_squares import FitResult
 from radioloc.estimation.linearization import ResidualFunction
 from radioloc.estimation.noise_structure import noise_with_shared, noisy_groups, split
-from radioloc.estimation.series import SeriesOrder
+from radioloc.estimation.series import IndependentSeries, SeriesOrder
 from radioloc.estimation.statistics import SCALING_PROBABILITY, chi2_quantile, root_between
 from radioloc.estimation.status import FitStatus
 from radioloc.labels import Labels
@@ -125,6 +125,19 @@ class _Problem:
         shared_fit = replace(self, stated=shared_noise[0]).fit_with(np.zeros(len(delay_sigma_m)), edited)
         return replace(shared_fit, additive_sigma_m=edited.additive_sigma_m, shared_sigma_m=shared_noise[1])
 
+    def testable(self, fit: FitResult, groups: Labels) -> Indices:
+        """Groups with residuals above their stated sigmas; all if groups share errors, or the fit has other noise."""
+        every, whitening = np.arange(len(groups.texts)), fit.whitening
+        if not (isinstance(whitening, IndependentSeries) and whitening.is_local and fit.noise is self.stated):
+            return every
+        codes = [groups.codes[item.rows].reshape(len(item.rows), -1) for item in whitening.structures]
+        if any((code != code[:, :1]).any() for code in codes):
+            return every
+        squares = np.square(np.concatenate(list(whitening.whitened(column(fit.residual_m)))))[:, 0]
+        code = np.concatenate([code.ravel() for code in codes])
+        sums, counts = (np.bincount(code, weight, len(every)) for weight in (squares, whitening.intact))
+        return np.flatnonzero(sums > (1.0 - mean_leverage(fit)) * counts)
+
     def settled(self, edited: EditedFit, groups: Labels) -> EditedFit:
         """Iterate fits and components of groups from a first fit until the components settle."""
         labels, group = groups.texts, groups.codes
@@ -135,7 +148,7 @@ class _Problem:
             # Significance is tested once: with its component a group is no longer significant.
             probability = SCALING_PROBABILITY if len(tried_m) == 1 else None
             # A group that is consistent with its stated sigmas keeps a component of zero.
-            sought = np.arange(len(labels)) if probability else np.flatnonzero(tried_m[1])
+            sought = self.testable(edited.fit, groups) if probability else np.flatnonzero(tried_m[1])
             wanted_m = _wanted_m(edited, self.stated, groups, sought, probability)
             if (np.abs(wanted_m - tried_m[-1]) <= _SETTLED_FRACTION * wanted_m).all():
                 break

@@ -130,7 +130,7 @@ class IndependentSeries(StructuredWhitener):
 
     @property
     def is_local(self) -> bool:
-        """Whether observations share errors within an epoch at most."""
+        """True if observations share errors within an epoch at most."""
         return all(isinstance(structure, Diagonal | Blocks) for structure in self.structures)
 
     @cached_property

@@ -70,14 +70,18 @@ def filter_innovations(
         for a in range(s):
             for j in range(m):
                 state[a, j] *= decay[i, a]
+        # Loops over columns are innermost, as compilers turn them to vector instructions.
         for j in range(m):
-            innovation = columns[i, j]
-            for c in range(width):
-                if process[i, c] >= 0:
-                    innovation -= sign[i, c] * state[process[i, c], j]
-            out[i, j] = innovation * scale[i]
-            for a in range(s):
-                state[a, j] += gain[i, a] * innovation
+            out[i, j] = columns[i, j]
+        for c in range(width):
+            if process[i, c] >= 0:
+                for j in range(m):
+                    out[i, j] -= sign[i, c] * state[process[i, c], j]
+        for a in range(s):
+            for j in range(m):
+                state[a, j] += gain[i, a] * out[i, j]
+        for j in range(m):
+            out[i, j] *= scale[i]
 
 
 @compiled(error_model="numpy")
@@ -89,13 +93,14 @@ def filter_adjoint(
     s, width = len(state), process.shape[1]
     for i in range(n - 1, -1, -1):
         for j in range(m):
-            value = columns[i, j] * scale[i]
-            for a in range(s):
-                value += gain[i, a] * state[a, j]
-            columns[i, j] = value
-            for c in range(width):
-                if process[i, c] >= 0:
-                    state[process[i, c], j] -= sign[i, c] * value
+            columns[i, j] *= scale[i]
+        for a in range(s):
+            for j in range(m):
+                columns[i, j] += gain[i, a] * state[a, j]
+        for c in range(width):
+            if process[i, c] >= 0:
+                for j in range(m):
+                    state[process[i, c], j] -= sign[i, c] * columns[i, j]
         for a in range(s):
             for j in range(m):
                 state[a, j] *= decay[i, a]

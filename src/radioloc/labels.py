@@ -34,6 +34,8 @@ class Labels:
         """Return labels from indices into texts, which may repeat."""
         index: dict[str, int] = {}
         recode = np.array([index.setdefault(text, len(index)) for text in texts], dtype=np.int32)
+        if len(index) == len(texts) and codes.dtype == np.int32:
+            return cls(codes, tuple(index))
         return cls(recode[codes] if len(recode) else np.zeros(0, dtype=np.int32), tuple(index))
 
     def __len__(self) -> int:

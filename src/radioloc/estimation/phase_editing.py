@@ -45,7 +45,7 @@ class PhaseCounts:
     """Phase counts of n observations; NaN for observations of other types."""
 
     count_s: Floats  # (n,), count interval
-    cycle_m: Floats  # (n,), wavelength of the downlink, by which a cycle changes the value
+    wavelength_um: Floats  # (n,), of the downlink: a cycle changes the value by so much
 
 
 def phase_faults(edited: EditedFit, order: SeriesOrder, counts: PhaseCounts) -> dict[int, str]:
@@ -70,7 +70,7 @@ def _pass_faults(edited: EditedFit, rows: Rows, counts: PhaseCounts) -> Iterator
         residual_m = residual_m - np.median(residual_m[used])
         sigma_m = np.clip(robust_scale(residual_m[used], 1), _ROUNDING_M, sigma_m)
 
-    cycle_m, tolerance_m = counts.cycle_m[rows], _SLIP_TOLERANCE_SIGMAS * sigma_m
+    cycle_m, tolerance_m = 1e-6 * counts.wavelength_um[rows], _SLIP_TOLERANCE_SIGMAS * sigma_m
     cycles = np.rint(residual_m / cycle_m)
     cycle_count = np.abs(cycles)
     is_slip = (

@@ -55,20 +55,22 @@ class SeriesOrder:
     time_s: Floats  # (n,), when each was made, s from any instant
     series: tuple[LinkSeries, ...]
     code: Codes  # (n,), which of the series an observation belongs to
-    order: Indices  # (n,), rows, sorted by series and time
+    order: Codes  # (n,), rows, sorted by series and time
 
     @classmethod
     def from_labels(cls, types: Labels, paths: Labels, time_s: Floats) -> SeriesOrder:
         """Sort observations of types and paths (n,) at times (n,), s."""
         pairs = types.codes.astype(np.intp) * len(paths.texts) + paths.codes
         series = []
-        present, code = np.unique(pairs, return_inverse=True)
+        present = np.flatnonzero(np.bincount(pairs))
+        number = np.zeros(present.max(initial=-1) + 1, dtype=np.int32)
+        number[present] = np.arange(len(present))
         for pair in present.tolist():
             kind, path = types.texts[pair // len(paths.texts)], paths.texts[pair % len(paths.texts)]
             signs = Link.from_path(path).reception_signs if ">" in path else {path: 1.0}
             series.append(LinkSeries(kind, path, signs))
-        code = code.astype(np.int32)
-        return cls(types, time_s, tuple(series), code, np.lexsort((time_s, code)))
+        code = number[pairs]
+        return cls(types, time_s, tuple(series), code, np.lexsort((time_s, code)).astype(np.int32))
 
     @property
     def links(self) -> Labels:

@@ -29,6 +29,7 @@ _COUNT = 6  # coefficients; the remainder is 1e-9 of the partials along a low lu
 _MIN_ROWS = 2 * _COUNT  # of a cell
 _MIN_COVERAGE = 0.6  # part of a cell with observations, so that the polynomials are nearly orthogonal
 _DENSE_ROWS_AT_ONCE = 2**16  # whose columns fit the cache of a processor
+_SECTION_BLOCKS = 2**18  # whose temporary columns are some megabytes
 _TOLERANCE = 1e-9  # of the polynomials, relative to the largest partial by a parameter
 
 
@@ -47,7 +48,10 @@ class Cells:
         order = np.argsort(keys[0], kind="stable")
         number, fraction = np.divmod((time_s - time_s.min()) / _CELL_S, 1.0)
         argument, cell = 2.0 * fraction - 1.0, np.full(len(order), -1, dtype=np.int32)
-        starts = np.flatnonzero(changed(number[order], *(np.nan_to_num(key)[order] for key in keys)))
+        new = changed(number[order])
+        for key in keys:
+            new |= False if key.strides == (0,) else changed(np.nan_to_num(key)[order])
+        starts = np.flatnonzero(new)
         counts = np.diff(starts, append=len(order))
         is_ascending = np.add.reduceat(np.diff(argument[order], append=1.0) < 0.0, starts) <= 1
         ends = argument[order[[starts, starts + counts - 1]]]
@@ -133,8 +137,19 @@ class SmoothPartials:
             elif noise is not None and noise.gain[part].any():
                 yield from smooth._filtered(structure, noise, part, residual_m, rows_of)
             else:
-                scale = np.ones(structure.rows.size) if noise is None else noise.scale[part]
-                yield from smooth._independent(structure, scale, residual_m, rows_of)
+                scale = np.broadcast_to(1.0, structure.rows.size) if noise is None else noise.scale[part]
+                scale = scale.reshape(len(structure.rows), -1)
+                for section in smooth._sections(structure):
+                    yield from smooth._independent(
+                        structure.select(section), scale[section], residual_m, rows_of
+                    )
+
+    def _sections(self, structure: Diagonal | Blocks) -> Iterator[slice]:
+        """Yield slices of some thousand blocks, cut between cells."""
+        cell = self.cell[structure.rows if isinstance(structure, Diagonal) else structure.rows[:, 0]]
+        starts = np.append(np.flatnonzero(changed(cell)), len(cell))
+        cuts = starts[np.diff(starts // _SECTION_BLOCKS, prepend=0) > 0]
+        return map(slice, [0, *cuts.tolist()], [*cuts.tolist(), len(cell)])
 
     def _groups(self, members: Rows, codes: Indices | None = None) -> tuple[Rows, Mask]:
         """Numbers of successive blocks (b, k) of one cell and code, (g,), and whether polynomials represent them."""
@@ -147,9 +162,8 @@ class SmoothPartials:
     def _independent(
         self, structure: Diagonal | Blocks, scale: Floats, residual_m: Floats, rows_of: RowsOf
     ) -> Iterator[Floats]:
-        """Condense independent blocks of k observations, whose whitened values are multiplied by a scale."""
-        count = len(structure.rows)
-        blocks, scale = structure.rows.reshape(count, -1), scale.reshape(count, -1)
+        """Condense independent blocks of k observations, whose whitened values are multiplied by a scale (b, k)."""
+        blocks = structure.rows.reshape(len(structure.rows), -1)
         if isinstance(structure, Blocks):
             order, codes = np.arange(len(blocks)), structure.which
         else:

@@ -342,7 +342,7 @@ def _estimate(
         return fit, None
     _require_usable(problem, status, codes)
     observations = problem.predictor.observations
-    counts = PhaseCounts(observations.count_s, 1e-6 * observations.wavelength_um)
+    counts = PhaseCounts(observations.count_s, observations.wavelength_um)
     usable, phase_reasons = status.are(USED), dict[int, str]()
     start = initial_orbit(model, problem.noise.sigma_m, usable)
     if start is not None:

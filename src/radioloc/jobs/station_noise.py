@@ -116,7 +116,8 @@ def stated_noise(predictor: Predictor, choice: ObservationChoice) -> Observation
         group[rows] = number.reshape(-1)
         effect_m[rows] = ends_m * [-1.0, 1.0]
         terms.append(SharedAtEpoch(group, source, effect_m))
-    white = White(np.hypot(predictor.observations.sigma_m, choice.extra_sigma_m))
+    sigma_m = predictor.observations.sigma_m
+    white = White(np.hypot(sigma_m, choice.extra_sigma_m) if choice.extra_sigma_m else sigma_m)
     return ObservationCovariance((white, *terms, *_phase_noise(predictor, choice)))
 
 

@@ -204,7 +204,7 @@ def series_codes(
 
 def _folded(code: NDArray[np.int64], column: NDArray[np.generic]) -> NDArray[np.int64]:
     """Return codes that also differ where a column differs."""
-    if not len(code):
+    if not len(code) or column.strides == (0,):
         return code
     # A column that is constant in each series, the usual case, needs no sorting.
     sample = np.zeros(int(code.max()) + 1, dtype=np.intp)

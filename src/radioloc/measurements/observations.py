@@ -39,6 +39,7 @@ from radioloc.measurements.table_columns import (
 )
 from radioloc.quantities import TableForm, as_table
 from radioloc.time import Epochs, to_scale, utc_strings
+from radioloc.units import set_fields
 from radioloc.vectors import Floats, Indices, Mask
 
 RANGE, VLBI_DELAY, DOPPLER, VLBI_DELAY_RATE = (
@@ -62,6 +63,7 @@ _MAX_SIGNAL_COUNT = 16  # observations of a path, kind and epoch with different 
 _MIN_ROUNDED_COUNT = 5  # of rounded copies in a file; fewer may be repeated values of a dense series
 _ROUNDING_SIGMAS, _ROUNDING_M = 0.02, 2e-4
 """Terms of the largest difference of copies in two files: light times have 1 ps, ranges a fraction of sigma."""
+_MIN_LONG_COLUMN = 2**16  # values, above which a column of one value takes no memory for each row
 _SHARED_FIELDS = ("links", "files", "ramps")
 _IN_MEMORY = "in memory"
 
@@ -188,7 +190,7 @@ class Observations:
         table._validate()
         narrow = {name for name, column in numbers.items() if is_single_precision(column)}
         table._require_resolution({*single_precision, *narrow})
-        return table
+        return _frozen(table)
 
     @classmethod
     def from_table(
@@ -449,11 +451,16 @@ class Observations:
 
 
 def _frozen(observations: Observations) -> Observations:
+    """Return the observations with read-only columns; a long column of one value is a view of that value."""
     for field in fields(observations):
         value = getattr(observations, field.name)
         for array in (value.jd, value.fraction) if isinstance(value, Epochs) else (value,):
             if isinstance(array, np.ndarray) and array.flags.owndata:
                 array.flags.writeable = False
+        if isinstance(value, np.ndarray) and len(value) > _MIN_LONG_COLUMN:
+            pairs = (value[:1], value[-1:]), (value[1:], value[:-1])
+            if all(np.array_equal(*pair, equal_nan=True) for pair in pairs):
+                set_fields(observations, **{field.name: np.broadcast_to(value[0], len(value))})
     return observations
 
 

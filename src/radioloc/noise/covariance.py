@@ -245,18 +245,20 @@ class ObservationCovariance:
     sigma_m: Floats = field(init=False)  #: (n,), of all terms together
 
     def __post_init__(self) -> None:
-        white_terms_m2 = [term.variance_m2 for term in self.of_type(White)]
+        white_terms_m = [term.sigma_m for term in self.of_type(White)]
         structured_m2 = [term.variance_m2 for term in self._structured]
-        counts = list(map(len, white_terms_m2 + structured_m2))
+        counts = list(map(len, white_terms_m + structured_m2))
         if len(set(counts)) != 1:
             raise InputError(f"terms of the noise: expected equal numbers of observations, got {counts}")
-        white_m2 = sum(white_terms_m2, np.zeros(counts[0]))
-        variance_m2 = sum(structured_m2, white_m2)
+        white_m = np.sqrt(sum(map(np.square, white_terms_m), np.zeros(counts[0])))
+        if len(white_terms_m) == 1:  # large arcs have one, whose array is that of the observations
+            white_m = white_terms_m[0]
+        variance_m2 = sum(structured_m2, np.square(white_m))
         bad = np.flatnonzero(~(np.isfinite(variance_m2) & (variance_m2 > 0.0)))
         if len(bad):
             sigma_m = np.sqrt(variance_m2[bad[0]])
             raise InputError(f"sigma of observation {bad[0]} is {sigma_m} m; give a finite positive number")
-        set_fields(self, white_m=np.sqrt(white_m2), sigma_m=np.sqrt(variance_m2))
+        set_fields(self, white_m=white_m, sigma_m=np.sqrt(variance_m2) if structured_m2 else white_m)
 
     @classmethod
     def from_sigma(cls, noise: ArrayLike | ObservationCovariance, n: int) -> ObservationCovariance:

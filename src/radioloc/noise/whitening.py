@@ -9,15 +9,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
-from typing import ClassVar, Protocol, runtime_checkable
+from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from radioloc.measurements.predictor import ROWS_AT_ONCE
 from radioloc.noise.processes import KalmanFilter
 from radioloc.vectors import Floats, Indices, Mask
 
-Rows = Indices
+Rows = NDArray[np.signedinteger[Any]]
 """Indices of observations, in any order."""
 
 RowsOf = Callable[[Rows], Floats]
@@ -91,7 +92,7 @@ class Diagonal:
     rows: Rows  # (n,)
     sigma_m: Floats  # (n,)
 
-    def select(self, some: Mask | Rows) -> Diagonal:
+    def select(self, some: Mask | Rows | slice) -> Diagonal:
         """Select some of the observations."""
         return Diagonal(self.rows[some], self.sigma_m[some])
 

@@ -247,6 +247,7 @@ def _scope(kind: ParameterKind, per: Any) -> Scope | None:
 
 def _reference_stations(kind: ParameterKind, rows: ObservationRows, present: Members) -> set[str]:
     """Return the first station of each network; only differences from it are observable, as of clocks."""
+    rows = rows.distinct
     network = networks(rows.ends[kind.acts_on(rows).all(axis=1)], len(rows.predictor.stations))
     first = {int(network[k]): name for name, k in reversed(present.items())}
     return set(first.values())

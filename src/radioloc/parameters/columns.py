@@ -103,6 +103,7 @@ def all_members(scope: Scope, predictor: Predictor) -> Members:
 
 def members(kind: ParameterKind, scope: Scope, rows: ObservationRows) -> Members:
     """Return the members with observations that depend on the kind."""
+    rows = rows.distinct
     acts, owner = _acts_on(kind, rows), members_of_ends(scope, rows)
     if owner.shape[1] == 1:
         acts = _any_end(acts)[:, None]
@@ -150,6 +151,7 @@ def columns_of(
             owners.append(member)
             first, last = utc_strings(rows.observations.epoch[acting[[0, -1]]], decimals=0)
             spans.append(None if is_undivided else (str(first), str(last)))
+    code = code.astype(np.min_scalar_type(-len(names) - 1))
     return Columns(kind, scope, tuple(names), tuple(owners), tuple(spans), code)
 
 

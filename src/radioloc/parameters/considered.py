@@ -112,7 +112,7 @@ def default_sigmas(
     if kind.considered is None or not present:
         return {}, ""
     with entry_errors(f"parameter {kind.name}", "considered"):
-        default = kind.considered(rows, present)
+        default = kind.considered(rows.distinct, present)
     if isinstance(default, str):
         return {}, default
     if isinstance(default, Mapping):

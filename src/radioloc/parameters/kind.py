@@ -66,8 +66,8 @@ class ParameterKind:
     #: stations needs two ends, for the first and the second station; others have one or two ends, which are
     #: added.
     partials: Callable[[ObservationRows], Floats]
-    #: Whether each end of an observation depends on the parameter, shape (m, ends); called before values are
-    #: computed.
+    #: Whether each end of an observation depends on the parameter, shape (m, ends), by its link, type, time tag,
+    #: frequencies and weather; called before values are computed.
     acts_on: Callable[[ObservationRows], Mask]
     components: tuple[str, ...] = ("",)  #: names of its numbers; by default one number without a name
     #: Quantity in words, which follow a component in cards: ``"position of the Moon"``; by default the name.

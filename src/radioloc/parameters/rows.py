@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.constants import C_M_S
+from radioloc.measurements.dense_series import series_codes
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.predictor import Computed, Prediction, Predictor
@@ -23,6 +24,7 @@ from radioloc.vectors import Floats, Indices, Mask, dot, length
 TRANSMIT, RECEIVE, BOUNCE = (TIME_TAGS.index(tag) for tag in ("transmit", "receive", "bounce"))
 
 RowFunction = Callable[["ObservationRows"], Any]
+_MIN_LONG_ARC = 2**16  # observations, from which on some of them show the members of parameters
 
 
 class ObservationRows:
@@ -51,18 +53,22 @@ class ObservationRows:
     ) -> None:
         self.predictor, self._reference = predictor, reference
         self._prediction, self._motions = prediction, motions
-        self.rows = np.arange(len(predictor.observations)) if rows is None else rows
         self._selected: Any = slice(None) if rows is None else rows  # all without a copy
         self._results: dict[RowFunction, Any] = {}
         self._unpredicted: ObservationRows | None = None
 
     def __len__(self) -> int:
-        return len(self.rows)
+        return len(self.predictor.observations if isinstance(self._selected, slice) else self._selected)
+
+    @cached_property
+    def rows(self) -> Indices:
+        """Indices of the observations."""
+        return np.arange(len(self)) if isinstance(self._selected, slice) else self._selected
 
     def predicted(self, rows: Indices, prediction: Prediction, motions: Motions) -> ObservationRows:
         """Return some of these rows with a prediction; all of them share what depends on none."""
         predicted = ObservationRows(self.predictor, rows, self._reference, prediction, motions)
-        if np.array_equal(rows, self.rows):
+        if len(rows) == len(self) and np.array_equal(rows, self.rows):
             predicted._unpredicted = self
         return predicted
 
@@ -75,6 +81,17 @@ class ObservationRows:
     def evaluate_unpredicted(self, function: RowFunction) -> Any:
         """Return a function that depends on no prediction, evaluated once for all predictions of all rows."""
         return (self._unpredicted or self).evaluate(function)
+
+    @cached_property
+    def distinct(self) -> ObservationRows:
+        """Observations of a long arc that show its parameters: one of each series, and the last."""
+        observations = self.observations
+        if len(observations) < _MIN_LONG_ARC:
+            return self
+        code = series_codes(self.model, observations, more_partials=True)
+        sample = np.full(int(code.max()) + 1, int(observations.epoch.mjd.argmax()))
+        sample[code] = np.arange(len(code))
+        return ObservationRows(self.predictor.select(np.unique(sample)))
 
     @property
     def model(self) -> PhysicalModel:
@@ -136,7 +153,7 @@ class ObservationRows:
     @property
     def elapsed_s(self) -> Floats:
         """Time tag since the reference epoch, s."""
-        return np.asarray(self.evaluate_unpredicted(_elapsed_s))
+        return np.asarray(self.evaluate_unpredicted(elapsed_s))
 
     @cached_property
     def elapsed_at_ends_s(self) -> Floats:
@@ -210,7 +227,8 @@ class ObservationRows:
         return positions_pa_m(self._motions)[self.target]
 
 
-def _elapsed_s(rows: ObservationRows) -> Floats:
+def elapsed_s(rows: ObservationRows) -> Floats:
+    """Return the time tags since the reference epoch, s; those of all rows are not kept."""
     reference = middle_epoch(rows.observations) if rows._reference is None else rows._reference
     return utc_to_tai(rows.observations.epoch[rows._selected]).seconds_since(reference)
 

@@ -18,7 +18,7 @@ from radioloc.measurements.target_motion import Motions, OrbitMotion, TargetMoti
 from radioloc.noise.whitening import slices
 from radioloc.parameters.columns import Columns
 from radioloc.parameters.parameter import Parameter, ParameterSet, Role
-from radioloc.parameters.rows import ObservationRows, middle_epoch
+from radioloc.parameters.rows import ObservationRows, elapsed_s, middle_epoch
 from radioloc.targets.target import Target
 from radioloc.time import Epochs
 from radioloc.vectors import Floats, Indices
@@ -231,7 +231,7 @@ class DesignMatrix:
 def _cells(rows: ObservationRows) -> Cells:
     items = rows.observations
     keys = (items.link, items.kind, items.tag, items.count_s, items.wavelength_um, items.uplink_hz)
-    return Cells.from_keys(keys, rows.elapsed_s)
+    return Cells.from_keys(keys, elapsed_s(rows))
 
 
 def effects_on_orbit(predictor: Predictor, orbit: AdjustableOrbit, target: int) -> Floats:

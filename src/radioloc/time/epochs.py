@@ -73,13 +73,18 @@ class Epochs:
         )
         if not (np.isfinite(jd_in).all() and np.isfinite(fraction_in).all()):
             raise InputError("a Julian date is not a finite number")
-        midnight = np.floor(jd_in - 0.5) + 0.5
-        day_part = (jd_in - midnight) + fraction_in
+        midnight = np.floor(jd_in - 0.5)
+        midnight += 0.5
+        day_part = jd_in - midnight
+        day_part += fraction_in
         carry = np.floor(day_part)
+        day_part -= carry
+        midnight += carry
         # A fraction that rounds up to one belongs to the next day.
-        day_part = day_part - carry
         late = day_part >= 1.0
-        return cls(midnight + carry + late, np.where(late, 0.0, day_part), scale)
+        midnight += late
+        day_part[late] = 0.0
+        return cls(midnight, day_part, scale)
 
     @classmethod
     def from_tdb_seconds(cls, seconds: ArrayLike) -> Epochs:

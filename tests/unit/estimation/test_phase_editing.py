@@ -31,7 +31,7 @@ def faults(error_m, *, stated_m=NOISE_M, count_s=1.0, cycle_m=CYCLE_M, time_s=No
     order = SeriesOrder.from_labels(
         Labels.from_texts(["doppler"] * N), Labels.from_texts(["A>x>A"] * N), time_s
     )
-    result = phase_faults(edited, order, PhaseCounts(np.full(N, count_s), np.full(N, cycle_m)))
+    result = phase_faults(edited, order, PhaseCounts(np.full(N, count_s), np.full(N, 1e6 * cycle_m)))
     return edited, result
 
 

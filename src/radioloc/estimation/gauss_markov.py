@@ -273,8 +273,11 @@ class RestrictedLikelihood:
         of_series = [points.series_slice(k) for k in series_indices.tolist()]
         scaled = [points.unit[part] * sigmas for part in of_series]
         grams = np.array([gram(series_effects, series_effects) for series_effects in scaled])
-        squares, axes = np.linalg.eigh(grams.sum(axis=0))
-        axes = axes[:, squares > _MIN_PARAMETER_CHI2]
+        total = grams.sum(axis=0)
+        axes = np.zeros((len(total), 0))
+        if np.trace(total) > _MIN_PARAMETER_CHI2:
+            squares, axes = np.linalg.eigh(total)
+            axes = axes[:, squares > _MIN_PARAMETER_CHI2]
         effects = axes.T @ grams @ axes
         series_squares, series_axes = np.linalg.eigh(effects)
         max_columns = int((series_squares > _MIN_SERIES_CHI2).sum(axis=1).max(initial=0))

@@ -32,7 +32,7 @@ models of the average, of the logarithm of the variance that they give to the pa
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -75,23 +75,25 @@ _FREE_SIGMAS = 300.0  # a priori where noise is found jointly: as good as free, 
 ABSORBED_SIGMAS = 30.0  # likewise of a series by itself: what the estimate, off by so much, takes is left out
 
 
-def assess_time_correlation(
-    fit: FitResult, order: SeriesOrder, series: IndependentSeries | None = None
-) -> TimeCorrelation:
+def assess_time_correlation(fit: FitResult, order: SeriesOrder) -> TimeCorrelation:
     """Find series with significantly correlated residuals; their effect on the covariance.
 
     Without it, 95 % ellipses hold the truth in 2 to 43 % of the cases where errors last for hours
     (`tests/statistics/test_time_correlation.py`).
     """
-    # The noise should explain the size of the residuals.
     if fit.time_correlation is not None:  # assessed already
         return fit.time_correlation
-    uncorrelated = TimeCorrelation((), np.zeros_like(fit.covariance), {})
+    return _with_added_covariance(fit, *_correlation_of_residuals(fit, series_of(fit, order)))
+
+
+def _correlation_of_residuals(
+    fit: FitResult, series: IndependentSeries
+) -> tuple[TimeCorrelation, Points | None]:
+    """Time correlation without the addition to the covariance, and points with partials by the free parameters."""
+    # The noise should explain the size of the residuals.
+    uncorrelated = TimeCorrelation((), np.zeros_like(fit.covariance), {}), None
     if not fit.factor.determined.any() or not fit.used.any():
         return uncorrelated
-    root = fit.factor.root_covariance()
-    series = series_of(fit, order) if series is None else series
-    q = root.shape[1]
     points, free = points_of(series, column(fit.residual_m)), fit.parameters.free
     whitened = fit.factor.whitened
     if whitened is not None and series is fit.whitening:
@@ -99,17 +101,13 @@ def assess_time_correlation(
     else:
         partials = binned_partials(series, fit.linearization.partials)[:, free]
     compiled = points.compiled or isinstance(fit.linearization, OrthonormalLinearization)
-    points = replace(points, unit=matrix_product(partials, root), compiled=compiled)
-    noise = noise_of_series(*_without_considered(fit, points, partials), significant=False)
+    points = replace(points, unit=partials, compiled=compiled)
+    noise = noise_of_series(*_without_considered(fit, points), significant=False)
     if not noise:
         return uncorrelated
     processes = [noise.get(item.key, NO_NOISE) for item in points.series]
-    columns = np.column_stack([points.unit, points.gain])
-    excess = [process.excess for process in processes]
-    half = half_products(excess, points.begin, points.step_s, points.gain, columns, points.width_s)
-    added = gram(points.unit, half[:, :q])
-    added += added.T.copy()
-    sum_variances = 2.0 * np.add.reduceat(points.gain * half[:, q], points.begin[:-1]) + points.count
+    half = _half_products(points, noise, points.gain[:, None])[:, 0]
+    sum_variances = 2.0 * np.add.reduceat(points.gain * half, points.begin[:-1]) + points.count
     correlations = [
         SeriesCorrelation(
             item.name,
@@ -124,7 +122,24 @@ def assess_time_correlation(
         if process.is_significant
     ]
     noise = {item.key: noise[item.key] for item in points.series if item.key in noise}
-    return TimeCorrelation(tuple(correlations), in_parameter_units(added, fit), noise)
+    return replace(uncorrelated[0], series=tuple(correlations), noise=noise), points
+
+
+def _with_added_covariance(
+    fit: FitResult, correlation: TimeCorrelation, points: Points | None
+) -> TimeCorrelation:
+    """Time correlation with its addition to the covariance of a fit with independent weights."""
+    if points is None:
+        return correlation
+    unit = matrix_product(points.unit, fit.factor.root_covariance())
+    added = gram(unit, _half_products(points, correlation.noise, unit))
+    return replace(correlation, added_covariance=in_parameter_units(added + added.T, fit))
+
+
+def _half_products(points: Points, noise: Mapping[str, SeriesNoise], columns: Floats) -> Floats:
+    """Product of columns (n, m) with half the covariance of points beyond the stated one."""
+    excess = [noise.get(item.key, NO_NOISE).excess for item in points.series]
+    return half_products(excess, points.begin, points.step_s, points.gain, columns, points.width_s)
 
 
 def series_of(fit: FitResult, order: SeriesOrder) -> IndependentSeries:
@@ -134,17 +149,17 @@ def series_of(fit: FitResult, order: SeriesOrder) -> IndependentSeries:
     return independent_series(order, fit.noise, fit.used)
 
 
-def _without_considered(fit: FitResult, points: Points, partials: Floats) -> tuple[Points, Floats]:
+def _without_considered(fit: FitResult, points: Points) -> tuple[Points, Floats]:
     """Points, considered parameters at their a-priori values, partials in :func:`mixed_units`; and sigmas."""
     units, width = mixed_units(fit)
     sigmas = np.repeat([_FREE_SIGMAS, 1.0], [width, units.shape[1] - width])
+    points, parameters = replace(points, unit=matrix_product(points.unit, units)), fit.parameters
     if width == len(sigmas):
         return points, sigmas
-    unit, parameters = matrix_product(partials, units), fit.parameters
     shifts = ((fit.x - parameters.prior_values) / parameters.prior_sigmas)[parameters.considered]
-    residual = points.residual + np.einsum("nc,c->n", unit[:, width:], shifts)
+    residual = points.residual + np.einsum("nc,c->n", points.unit[:, width:], shifts)
     changes = np.add.reduceat(residual**2 - points.residual**2, points.begin[:-1])
-    return replace(points, unit=unit, residual=residual, squares=points.squares + changes), sigmas
+    return replace(points, residual=residual, squares=points.squares + changes), sigmas
 
 
 def mixed_units(fit: FitResult) -> tuple[Floats, int]:
@@ -212,14 +227,14 @@ def fit_with_correlated_weights(
     # the result are those of the stated sigmas; estimate and factor those of the weights.
     stated = edited.fit
     # A fit that did not end has its own error status.
-    if not edited.is_at_minimum:
+    if not edited.is_at_minimum or stated.time_correlation is not None:
         return edited
     series = series_of(stated, order)
-    correlation = assess_time_correlation(stated, order, series)
-    edited = replace(edited, fit=replace(stated, time_correlation=correlation))
+    correlation, points = _correlation_of_residuals(stated, series)
     weights = _weights(series, correlation)
     if not weights:
-        return edited
+        correlation = _with_added_covariance(stated, correlation, points)
+        return replace(edited, fit=replace(stated, time_correlation=correlation))
     whitening = CorrelatedWhitener.from_noise(series, _weight_noise(series, correlation, weights))
     linearization = stated.linearization
     if series is stated.whitening and isinstance(linearization, OrthonormalLinearization):

@@ -143,11 +143,22 @@ class WhitenedPartials:
     parts: tuple[Floats, ...]  # (m, q)
     from_free: Floats  # (q, q)
     grams: tuple[Floats, ...] = ()  # (q, q), products of the parts with themselves, where they are used again
+    binned: Floats | None = None  # (bins, q), their sums over the roots of the counts in bins of series
+    # Takes observations that are rejected, but still in the parts, out of a part in place, from its first row on.
+    project: Callable[[Floats, int], None] | None = None
 
     def combined(self, root: Floats) -> Iterator[Floats]:
         """Yield partials of combinations of the free parameters, the columns of `root` (q, r), part by part, (m, r)."""
-        from_coordinates = self.from_free @ root
-        return (matrix_product(part, from_coordinates) for part in self.parts)
+        from_coordinates, start = self.from_free @ root, 0
+        for part in self.parts:
+            yield self.projected(matrix_product(part, from_coordinates), start)
+            start += len(part)
+
+    def projected(self, values: Floats, start: int) -> Floats:
+        """Columns (m, c) of a part, changed in place, without what is rejected."""
+        if self.project is not None:
+            self.project(values, start)
+        return values
 
 
 class StatedWhitener(Protocol):
@@ -403,9 +414,10 @@ def _filtered(
                 kalman.innovations(columns, rows, state)
                 for columns, state in zip((part, residuals[k]), states, strict=True)
             )
+            stated.projected(parts[k], rows.start)
             grams[k] = gram(parts[k], parts[k])
         else:  # all errors are independent, with sigmas that are larger by one factor
-            parts[k], residuals[k] = scale[0] * part, scale[0] * residuals[k]
+            parts[k], residuals[k] = stated.projected(scale[0] * part, rows.start), scale[0] * residuals[k]
             grams[k] = scale[0] ** 2 * grams[k]
     return WhitenedPartials(tuple(parts), stated.from_free, tuple(grams)), residuals
 

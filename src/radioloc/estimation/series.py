@@ -119,16 +119,17 @@ class IndependentSeries(StructuredWhitener):
         remaining.__dict__.update(of_each=self.of_each, bins=self.bins)  # the same
         return remaining
 
-    def project(self, values: Floats, start: int = 0) -> Floats:
-        """Take rejected observations out of a part of the combinations (m, c); return their components (t, c)."""
-        components = [np.zeros((0, values.shape[1]))]
+    def components(self, values: Floats, start: int) -> Iterator[tuple[Indices, Floats, Floats]]:
+        """Yield blocks with rejected members in a part of the combinations (m, c), axes of these, and components."""
         for combinations, axes in self.rejections:
             blocks = slice(*np.searchsorted(combinations[:, 0], (start, start + len(values))))
             places = combinations[blocks] - start
-            along_axes = np.swapaxes(axes[blocks], 1, 2) @ values[places]
-            values[places] -= axes[blocks] @ along_axes
-            components.append(along_axes.reshape(-1, values.shape[1]))
-        return np.concatenate(components)
+            yield places, axes[blocks], np.swapaxes(axes[blocks], 1, 2) @ values[places]
+
+    def project(self, values: Floats, start: int = 0) -> None:
+        """Take rejected observations out of a part of the combinations (m, c), in place."""
+        for places, axes, components in self.components(values, start):
+            values[places] -= axes @ components
 
     @property
     def is_local(self) -> bool:
@@ -236,19 +237,22 @@ class StatedSeries:
         if not series.is_local:
             return None
         parts = tuple(series.whitened(lambda rows: basis[rows]))
-        return cls(
-            noise, series, WhitenedPartials(parts, from_free, tuple(gram(part, part) for part in parts))
-        )
+        grams, binned = tuple(gram(part, part) for part in parts), series.binned(parts)[0]
+        return cls(noise, series, WhitenedPartials(parts, from_free, grams, binned))
 
     def with_rejections(self, rejected: Mask) -> tuple[IndependentSeries, WhitenedPartials]:
         """Return the series without the rejected observations (n,), and their partials."""
-        series, start = self.series.with_rejections(rejected), 0
-        parts, grams = [part.copy() for part in self.whitened.parts], list(self.whitened.grams)
-        for k, part in enumerate(parts):
-            components = series.project(part, start)
-            grams[k] = grams[k] - components.T @ components
+        series, grams, start = self.series.with_rejections(rejected), list(self.whitened.grams), 0
+        sums = np.sqrt(self.series.in_bin)[:, None] * self.whitened.binned
+        for k, part in enumerate(self.whitened.parts):
+            for places, _, components in series.components(part, start):
+                rows = places.ravel()
+                np.subtract.at(sums, series.bins[0][start + rows], part[rows])
+                flat = components.reshape(-1, part.shape[1])
+                grams[k] = grams[k] - flat.T @ flat
             start += len(part)
-        return series, WhitenedPartials(tuple(parts), self.whitened.from_free, tuple(grams))
+        sums /= np.sqrt(np.maximum(series.in_bin, 1.0))[:, None]
+        return series, replace(self.whitened, grams=tuple(grams), binned=sums, project=series.project)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -301,6 +305,9 @@ def add_rows(sums: Floats, place: Indices | Codes, values: Floats, weight: Float
     """Add values (m, c) times weights (m,) to those rows of sums that are their places (m,)."""
     from scipy.sparse import csr_array
 
+    if values.shape[1] == 1:
+        sums[:, 0] += np.bincount(place, weight * values[:, 0], len(sums))
+        return
     matrix = csr_array(
         (weight * np.ones(len(place)), place, np.arange(len(place) + 1)), (len(place), len(sums))
     )

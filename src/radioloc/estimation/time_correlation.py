@@ -97,7 +97,8 @@ def _correlation_of_residuals(
     points, free = points_of(series, column(fit.residual_m)), fit.parameters.free
     whitened = fit.factor.whitened
     if whitened is not None and series is fit.whitening:
-        partials = series.binned(whitened.parts)[0] @ whitened.from_free
+        binned = series.binned(whitened.parts)[0] if whitened.binned is None else whitened.binned
+        partials = binned @ whitened.from_free
     else:
         partials = binned_partials(series, fit.linearization.partials)[:, free]
     compiled = points.compiled or isinstance(fit.linearization, OrthonormalLinearization)

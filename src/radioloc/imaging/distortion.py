@@ -21,6 +21,7 @@ Formula = Callable[[Floats, tuple[float, ...]], tuple[Floats, Floats]]
 _MAX_ITERATIONS = 30
 # Step of Newton's method in units of the focal length or millimetres: 1e-10 of a pixel of 7 micrometres.
 _STEP_TOLERANCE = 1e-12
+_MAX_SAFE_SLOPE = 0.5  # of the displacement by distortion, for which the formula cannot fold the plane
 _ROUND_TRIP_TOLERANCE = 1e-9  # of measured points that the lens can produce: 1e-7 of a pixel
 
 
@@ -99,6 +100,11 @@ class Distortion:
             images, derivatives = self.definition.formula(points, self.coefficients)
             if self.definition.removes:
                 return images, derivatives, _has_positive_determinant(derivatives)
+            # Coefficients of one sign bound the derivatives as far as the farthest point.
+            farthest = np.full((1, 2), np.abs(points).max(initial=0.0))
+            [bound] = self.definition.formula(farthest, tuple(map(abs, self.coefficients)))[1] - np.eye(2)
+            if bound.sum(axis=1).max() < _MAX_SAFE_SLOPE:
+                return images, derivatives, np.ones(len(points), bool)
             origins, _, valid = self._inverse(images)
             consistent = _size(origins - points) <= _ROUND_TRIP_TOLERANCE * (1.0 + _size(points))
         return images, derivatives, valid & consistent

@@ -72,6 +72,7 @@ def plot_images(solution: ImageSolution, ax: Axes | None = None) -> Figure:
     title = f"{solution.name}: {len(frames)} images on {solution.map_name}"
     figure = several_panels(ax, max(1.0 + 4.0 * count, 7.0), 4.9 if count > 1 else 7.0, title)
     panels = figure.subplots(1, count, squeeze=False)[0]
+    rms_m = float(np.sqrt((solution.registration.map_residuals_m**2).sum(axis=1).mean()))
     centres = np.concatenate([in_plane(frame, [[1, 1]]) for frame in frames])
     track = plane.from_longitude_latitude(track_deg(pose_table(solution)))
     for k, (axes, width) in enumerate(zip(panels, widths, strict=True)):
@@ -87,10 +88,14 @@ def plot_images(solution: ImageSolution, ax: Axes | None = None) -> Figure:
             if np.ptp(corner, axis=0).max() > 0.02 * width:
                 ring = factor * (np.vstack([corner, corner[:1]]) - lander)
                 axes.plot(*ring.T, color=COLORS[3], linewidth=0.7, alpha=0.8, label="images")
-        ties = factor * (solution.registration.map_places_m - lander)
+        ties = solution.registration.map_places_m - lander
+        shown = (np.abs(ties - [west + 0.5 * width, north - 0.5 * width]) < 0.6 * width).all(axis=1)
+        ties, residuals_m = factor * ties[shown], solution.registration.map_residuals_m[shown]
         dots = {"markersize": 2.5, "alpha": 0.7, "label": "tie points on the map"}
         axes.plot(*ties.T, ".", color=COLORS[2], **dots)
-        _draw_residuals(axes, ties, solution.registration.map_residuals_m, 0.04 * width * factor)
+        vectors = residuals_m * (0.04 * width * factor / rms_m)
+        style: Any = {"color": COLORS[5], "alpha": 0.8, "label": f"their residuals, rms {rms_m:.2g} m"}
+        axes.quiver(*ties.T, *vectors.T, angles="xy", scale_units="xy", scale=1.0, width=0.0025, **style)
         path = {"markersize": 3, "linewidth": 1.0, "label": "middles of images"}
         axes.plot(*(factor * (centres - lander)).T, "o-", color=COLORS[0], **path)
         if len(track):
@@ -111,15 +116,6 @@ def plot_images(solution: ImageSolution, ax: Axes | None = None) -> Figure:
             axes.set_ylabel("north of the lander")
     legend_outside(figure, panels[:1], 3 * count)
     return figure.figure
-
-
-def _draw_residuals(axes: Axes, ties: Floats, residuals_m: Floats, length: float) -> None:
-    """Draw residuals of tie points on the map as vectors, of which the rms has a length on the axes."""
-    rms_m = float(np.sqrt((residuals_m**2).sum(axis=1).mean()))
-    vectors = residuals_m * (length / rms_m)
-    style: Any = {"color": COLORS[5], "alpha": 0.8}
-    axes.quiver(*ties.T, *vectors.T, angles="xy", scale_units="xy", scale=1.0, width=0.0025, **style)
-    axes.plot([], [], label=f"their residuals, rms {rms_m:.2g} m", **style)
 
 
 def _mosaic(solution: ImageSolution, west_m: float, north_m: float, width_m: float) -> NDArray[np.uint8]:

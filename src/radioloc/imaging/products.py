@@ -36,7 +36,7 @@ FILES = ("poses.csv", "tie_points.csv", "images.gpkg", "mosaic.tif", "rectified/
 """Names and patterns of the files."""
 
 _MAX_SIDE_CELLS = 4096  # of a map: 17 million cells; finer images have their own map
-_MIN_DRAWN_CELLS = 2  # on each side of an image
+_MIN_DRAWN_CELLS = 10  # on each side of an image; coarser ones show the ground of smaller ones as well
 _MIN_NEW_PART = 0.15  # change of scale, or motion as a part of the image, of an image that is drawn
 _TOLERANCE_PX = 0.1  # of rectified images: a third of the residuals of tie points
 _RING_STEPS = 16  # points on each side of an outline

@@ -104,24 +104,22 @@ class TerrainView:
             axis=1
         )
         shown = np.flatnonzero(projected.visible & in_image)
-        hidden = self._hidden(points[shown], projected.pixels[shown], window.max_slope, tolerance_m)
+        origins_m = self.model.positions_m(projected.pixels[shown, 1])
+        hidden = self._hidden(points[shown], origins_m, window.max_slope, tolerance_m)
         shown = shown[~hidden]
         pixels[cells[shown]], visible[cells[shown]] = projected.pixels[shown], True
         return pixels, visible & _within(self.bounds, angles)
 
-    def _hidden(self, points: Floats, pixels: Floats, max_slope: float, tolerance_m: float) -> Mask:
+    def _hidden(self, points: Floats, origins_m: Floats, max_slope: float, tolerance_m: float) -> Mask:
         """Select points behind other ground; rays steeper than all slopes need no test."""
-        hidden = np.zeros(len(points), dtype=bool)
-        if not len(points):
-            return hidden
-        rays = self.model.rays(pixels)
-        down = -vectors.dot(points, rays.directions) / vectors.length(points)
+        directions, reach_m = vectors.normalized(points - origins_m), vectors.length(points - origins_m)
+        down = -vectors.dot(points, directions) / vectors.length(points)
         flat = np.flatnonzero(down <= max_slope * np.sqrt(np.maximum(1.0 - down * down, 0.0)))
+        hidden = np.zeros(len(points), dtype=bool)
         if len(flat):
-            origins_m, directions = rays.origins_m[flat], rays.directions[flat]
             allowed_m = max(tolerance_m, _MAX_RAY_MISS_CELLS * self.terrain.metadata.resolution_m)
-            reach_m = vectors.length(points[flat] - origins_m) - allowed_m
-            hidden[flat] = ~Terrain(self.terrain).is_clear(origins_m, directions, reach_m)
+            rays = origins_m[flat], directions[flat], reach_m[flat] - allowed_m
+            hidden[flat] = ~Terrain(self.terrain).is_clear(*rays)
         return hidden
 
 

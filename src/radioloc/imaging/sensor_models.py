@@ -69,6 +69,10 @@ class FrameModel:
         pixel = as_points(pixels, 2, "pixels")
         return _rays(*self.orientation.poses(pixel[:, 1]), self.camera.directions(pixel))
 
+    def positions_m(self, lines: Floats) -> Floats:
+        """Return the position of the camera for each line, shape (n, 3)."""
+        return self.orientation.poses(lines)[0]
+
     def rays_and_partials(self, pixels: ArrayLike) -> tuple[Rays, RayPartials]:
         """Return rays of pixels, shape (n, 2), with derivatives."""
         pixel = as_points(pixels, 2, "pixels")
@@ -118,6 +122,10 @@ class LineScanModel:
         pixel = as_points(pixels, 2, "pixels")
         time_s, _ = self.times_s(pixel[:, 1])
         return _rays(*self.orientation.poses(time_s), self.camera.directions(pixel * [1.0, 0.0]))
+
+    def positions_m(self, lines: Floats) -> Floats:
+        """Return the positions of the camera at lines, shape (n, 3)."""
+        return self.orientation.poses(self.times_s(lines)[0])[0]
 
     def rays_and_partials(self, pixels: ArrayLike) -> tuple[Rays, RayPartials]:
         """Return rays of pixels, shape (n, 2), with derivatives."""

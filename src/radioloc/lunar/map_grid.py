@@ -199,6 +199,14 @@ class MapGrid:
     def longitude_latitude(self, rows: Floats, columns: Floats) -> tuple[Floats, Floats]:
         """Longitude and latitude, rad, of positions in the grid, shape (n,); infinite outside the disk of the Moon."""
         x, y = _applied(self.transform, np.asarray(columns) + 0.5, np.asarray(rows) + 0.5)
+        if self.linear is not None:
+            centre_rad, x_0, by_longitude, y_0, by_latitude = self.linear
+            longitude, latitude = centre_rad + (x - x_0) / by_longitude, (y - y_0) / by_latitude
+            longitude = longitude - 2.0 * math.pi * np.rint(longitude / (2.0 * math.pi))
+            pole_rad = 0.5 * math.pi
+            shown = np.abs(latitude) <= pole_rad + _STEP_RAD
+            latitude = np.clip(latitude, -pole_rad, pole_rad)
+            return np.where(shown, longitude, np.inf), np.where(shown, latitude, np.inf)
         longitude_deg, latitude_deg = _transform(self.crs, self.geographic, x, y)
         return np.radians(longitude_deg), np.radians(latitude_deg)
 

@@ -274,12 +274,14 @@ class _Editor:
         # Noise models of a trial use its whitened partials again.
         whitening: LinkedWhitener | None = None
         if self.order is not None and isinstance(linearization, OrthonormalLinearization):
-            stated = linearization.problem.stated
+            stated, prepared = linearization.problem.stated, None
             if stated is not None and stated.noise is self.noise:
-                whitening, whitened = stated.with_rejections(self.usable & ~used)
-                linearization = replace(linearization, whitened=whitened)
-            else:
+                prepared = stated.with_rejections(self.usable & ~used)
+            if prepared is None:
                 whitening = independent_series(self.order, self.noise, used)
+            else:
+                whitening, whitened = prepared
+                linearization = replace(linearization, whitened=whitened)
         return fit_least_squares(
             self.residual_function,
             self.parameters,

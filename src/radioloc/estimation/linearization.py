@@ -143,7 +143,6 @@ class WhitenedPartials:
     parts: tuple[Floats, ...]  # (m, q)
     from_free: Floats  # (q, q)
     grams: tuple[Floats, ...] = ()  # (q, q), products of the parts with themselves, where they are used again
-    binned: Floats | None = None  # (bins, q), their sums over the roots of the counts in bins of series
     # Takes observations that are rejected, but still in the parts, out of a part in place, from its first row on.
     project: Callable[[Floats, int], None] | None = None
 
@@ -168,8 +167,8 @@ class StatedWhitener(Protocol):
     def noise(self) -> ObservationCovariance:
         """Stated noise."""
 
-    def with_rejections(self, rejected: Mask) -> tuple[LinkedWhitener, WhitenedPartials]:
-        """Return the whitener without the rejected observations (n,), and their partials."""
+    def with_rejections(self, rejected: Mask) -> tuple[LinkedWhitener, WhitenedPartials] | None:
+        """Return the whitener without the rejected observations (n,), and their partials; None for many."""
 
 
 @dataclass(frozen=True, eq=False)

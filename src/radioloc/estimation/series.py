@@ -28,6 +28,7 @@ from radioloc.vectors import Codes, Floats, Indices, Mask
 
 MAX_POINTS = 250  # of a series; longer ones are averaged over bins before a noise model is sought
 _MIN_COMPILED_ROWS = 2**16  # of observations from which on noise is sought by compiled loops
+_MIN_INTACT_FRACTION = 0.9  # of each series of a trial, below which all series are found anew
 _MAX_BIN_ROWS = 16  # rows of a bin whose partials are computed: partials are smooth within a bin
 _SIGMA_RTOL = 1e-6  # of combinations that are equal but for rounding
 _MIN_REMAINING_FRACTION = 0.37  # symmetric networks have no such part, so rounding does not decide
@@ -116,7 +117,7 @@ class IndependentSeries(StructuredWhitener):
                 rejections.append((start + np.arange(rows.size).reshape(rows.shape)[blocks], axes))
             start += rows.size
         remaining = replace(self, rejections=tuple(rejections))
-        remaining.__dict__.update(of_each=self.of_each, bins=self.bins)  # the same
+        remaining.__dict__["of_each"] = self.of_each  # the same
         return remaining
 
     def components(self, values: Floats, start: int) -> Iterator[tuple[Indices, Floats, Floats]]:
@@ -172,10 +173,12 @@ class IndependentSeries(StructuredWhitener):
         series_s, of_series, duration_s = np.zeros(0), np.zeros(0, dtype=np.intp), 0.0
         for indices in self.of_each:
             # Combinations have the times of their blocks.
-            if not np.array_equal(series_s, self.time_s[indices]):
-                series_s = self.time_s[indices]
+            intact = indices[self.intact[indices] > 0.0]
+            if not np.array_equal(series_s, self.time_s[intact]):
+                series_s = self.time_s[intact]
                 of_series, duration_s = bins(series_s, MAX_POINTS)
-            place[indices] = begin[-1] + of_series
+            place[indices] = begin[-1]  # of others too, without weight
+            place[intact] = begin[-1] + of_series
             begin.append(begin[-1] + int(of_series[-1]) + 1)
             width_s.append(duration_s)
         return place, np.array(begin), np.array(width_s)
@@ -196,7 +199,7 @@ class IndependentSeries(StructuredWhitener):
             start = part.stop
             add_rows(sums, place[part], values, self.intact[part])
             squares += np.bincount(self.number[part], self.intact[part] * values[:, 0] ** 2, len(squares))
-        return sums / np.sqrt(np.maximum(self.in_bin, 1.0))[:, None], squares
+        return sums / np.sqrt(self.in_bin)[:, None], squares
 
     def sections(self, parts: Iterable[Floats]) -> Iterator[tuple[slice, list[int], Floats]]:
         """Yield successive combinations, the series to which they all belong, and their columns from all parts."""
@@ -237,22 +240,22 @@ class StatedSeries:
         if not series.is_local:
             return None
         parts = tuple(series.whitened(lambda rows: basis[rows]))
-        grams, binned = tuple(gram(part, part) for part in parts), series.binned(parts)[0]
-        return cls(noise, series, WhitenedPartials(parts, from_free, grams, binned))
+        return cls(
+            noise, series, WhitenedPartials(parts, from_free, tuple(gram(part, part) for part in parts))
+        )
 
-    def with_rejections(self, rejected: Mask) -> tuple[IndependentSeries, WhitenedPartials]:
-        """Return the series without the rejected observations (n,), and their partials."""
+    def with_rejections(self, rejected: Mask) -> tuple[IndependentSeries, WhitenedPartials] | None:
+        """Return the series without the rejected observations (n,), and their partials; None for many of a series."""
         series, grams, start = self.series.with_rejections(rejected), list(self.whitened.grams), 0
-        sums = np.sqrt(self.series.in_bin)[:, None] * self.whitened.binned
+        counts = np.bincount(series.number)
+        if (np.bincount(series.number, series.intact) < _MIN_INTACT_FRACTION * counts).any():
+            return None
         for k, part in enumerate(self.whitened.parts):
-            for places, _, components in series.components(part, start):
-                rows = places.ravel()
-                np.subtract.at(sums, series.bins[0][start + rows], part[rows])
+            for _, _, components in series.components(part, start):
                 flat = components.reshape(-1, part.shape[1])
                 grams[k] = grams[k] - flat.T @ flat
             start += len(part)
-        sums /= np.sqrt(np.maximum(series.in_bin, 1.0))[:, None]
-        return series, replace(self.whitened, grams=tuple(grams), binned=sums, project=series.project)
+        return series, replace(self.whitened, grams=tuple(grams), project=series.project)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -318,7 +321,7 @@ def points_of(series: IndependentSeries, rows_of: RowsOf) -> Points:
     """Points of each series, averaged beyond :data:`MAX_POINTS`: residuals in column 0, then partials."""
     place, begin, width_s = series.bins
     columns, squares = series.binned(series.whitened(rows_of))
-    time_s = np.bincount(place, series.time_s) / np.bincount(place)
+    time_s = np.bincount(place, series.intact * series.time_s) / series.in_bin
     step_s = np.diff(time_s, prepend=time_s[0])
     step_s[begin[:-1]] = 0.0
     return Points(

@@ -97,8 +97,7 @@ def _correlation_of_residuals(
     points, free = points_of(series, column(fit.residual_m)), fit.parameters.free
     whitened = fit.factor.whitened
     if whitened is not None and series is fit.whitening:
-        binned = series.binned(whitened.parts)[0] if whitened.binned is None else whitened.binned
-        partials = binned @ whitened.from_free
+        partials = series.binned(whitened.parts)[0] @ whitened.from_free
     else:
         partials = binned_partials(series, fit.linearization.partials)[:, free]
     compiled = points.compiled or isinstance(fit.linearization, OrthonormalLinearization)
@@ -325,13 +324,16 @@ def _weights(series: IndependentSeries, correlation: TimeCorrelation) -> tuple[S
     counts, enlarged = dict[str, int](), dict[str, float]()
     for item, combinations in zip(series.series, series.of_each, strict=True):
         time_s, name = series.time_s[combinations], item.shared or item.name
-        count, variance, series_correlation = len(time_s), float(len(time_s)), items.get(item.key)
+        series_correlation, count = items.get(item.key), float(series.intact[combinations].sum())
+        variance = count
         if series_correlation is not None and count * series_correlation.correlation_time_s >= DENSE * (
             time_s[-1] - time_s[0]
         ):
             variance = count**2 / series_correlation.effective_count
-        counts[name] = counts.get(name, 0) + count
-        enlarged[name] = enlarged.get(name, 0.0) + variance
+        counts[name] = counts.get(name, 0) + len(time_s)
+        enlarged[name] = (
+            enlarged.get(name, 0.0) + variance + len(time_s) - count
+        )  # the others count as independent
     return tuple(
         SeriesWeight(name, count, math.sqrt(enlarged[name] / count))
         for name, count in counts.items()

@@ -120,7 +120,7 @@ def test_the_same_where_observations_share_errors(prepared):
     source = np.stack([np.arange(300) % 3, (np.arange(300) + 1) % 3], axis=-1)
     shared = SharedAtEpoch(np.arange(300) // 3, source, np.tile([-0.3, 0.3], (300, 1)))
     noise = ObservationCovariance((White(sigma_m), shared))
-    residual_m, x, used = sigma_m * rng.standard_normal(300), np.zeros(5), rng.random(300) > 0.05
+    residual_m, x, used = sigma_m * rng.standard_normal(300), np.zeros(5), rng.random(300) > 0.02
     order = SeriesOrder.from_labels(
         Labels.from_texts(["vlbi_delay"] * 300),
         Labels.from_texts(["B>C", "C>D", "D>B"] * 100),

@@ -57,6 +57,7 @@ class SeriesOrder:
     series: tuple[LinkSeries, ...]
     code: Codes  # (n,), which of the series an observation belongs to
     order: Codes  # (n,), rows, sorted by series and time
+    is_of_trials: bool = False  # whether so many fits are made with it that compilation of their loops pays
 
     @classmethod
     def from_labels(cls, types: Labels, paths: Labels, time_s: Floats) -> SeriesOrder:
@@ -94,6 +95,7 @@ class IndependentSeries(StructuredWhitener):
     series: tuple[Series, ...]
     number: Indices  # (N,), series of each combination, in the order of the whitener
     time_s: Floats  # (N,)
+    compiled: bool = False  # whether compilation of the loops that seek their noise pays
     # Combinations (b, k) of blocks with rejected members, structure by structure, and orthonormal axes (b, k, h) of
     # these members in them.
     rejections: tuple[tuple[Indices, Floats], ...] = ()
@@ -335,7 +337,7 @@ def points_of(series: IndependentSeries, rows_of: RowsOf) -> Points:
         residual=columns[:, 0].copy(),
         unit=columns[:, 1:],
         time_s=time_s,
-        compiled=len(series.number) >= _MIN_COMPILED_ROWS,
+        compiled=series.compiled,
     )
 
 
@@ -459,7 +461,8 @@ def independent_series(order: SeriesOrder, noise: ObservationCovariance, used: M
         series += block_series
     structures = (*singles, *(block for _, block in blocks))
     number, time_s = np.concatenate(numbers), np.concatenate(times_s)
-    return IndependentSeries(len(used), structures, tuple(series), number, time_s)
+    compiled = order.is_of_trials or len(number) >= _MIN_COMPILED_ROWS
+    return IndependentSeries(len(used), structures, tuple(series), number, time_s, compiled)
 
 
 def _combinations(order: SeriesOrder, blocks: Blocks) -> Iterator[tuple[list[Series], Blocks]]:

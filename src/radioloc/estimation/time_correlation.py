@@ -100,8 +100,7 @@ def _correlation_of_residuals(
         partials = series.binned(whitened.parts)[0] @ whitened.from_free
     else:
         partials = binned_partials(series, fit.linearization.partials)[:, free]
-    compiled = points.compiled or isinstance(fit.linearization, OrthonormalLinearization)
-    points = replace(points, unit=partials, compiled=compiled)
+    points = replace(points, unit=partials)
     noise = noise_of_series(*_without_considered(fit, points), significant=False)
     if not noise:
         return uncorrelated

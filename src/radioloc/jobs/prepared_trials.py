@@ -161,7 +161,8 @@ class Prepared:
             predictor = problem.predictor.with_values(value_m[part.rows])
             drawn = EstimationProblem.from_study(problem.study, predictor, problem.choice, problem.noise)
             parameters = with_drawn_priors(drawn.model.parameters, x, self._drawn_sigmas(problem), seed)
-            drawn = replace(drawn, model=replace(drawn.model, parameters=parameters))
+            order = replace(problem.order, is_of_trials=True)
+            drawn = replace(drawn, model=replace(drawn.model, parameters=parameters), order=order)
             solution = solve(drawn, {}, consistency=False)
             sigmas, total = solution.sigmas(), solution.fit.total
             for target in self.targets:
@@ -251,7 +252,7 @@ class Prepared:
             ),
             noise=noise,
             status=Labels((~usable).astype(np.int32), (USED, "not usable")),
-            order=problem.order,
+            order=replace(problem.order, is_of_trials=True),
             estimate=replace(estimate, height_prior=None),  # which is in the parameters; a map is large
             unadjusted_m=unadjusted.partials(rows) * unadjusted.parameters.prior_sigmas,
             drawn_sigmas=self._drawn_sigmas(problem),

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from itertools import combinations
+from itertools import combinations, compress
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -263,11 +263,7 @@ def make_base_map(study: PointStudy | str | Path, folder: str | Path, *, progres
         np.sqrt(np.square(height * chosen.dem_sigma_m) + np.diag(by_all @ result.covariance @ by_all.T))
         for by_all, height in _middle_partials(result, Terrain(terrain))
     ]
-    rejected = [
-        name
-        for name, used in zip(names, result.used[len(result.used) - len(names) :], strict=True)
-        if not used
-    ]
+    rejected = tuple(compress(names, ~result.used[len(result.used) - len(names) :]))
     return BaseMap(
         study.name,
         tuple(path.name for path in chosen.images),
@@ -276,7 +272,7 @@ def make_base_map(study: PointStudy | str | Path, folder: str | Path, *, progres
         result,
         np.array(sigma),
         steps,
-        tuple(rejected),
+        rejected,
         build_provenance(study.path, chosen.images, (*chosen.models, chosen.dem)),
     )
 
@@ -312,23 +308,18 @@ def _with_ground_points(ties: GroundTies, chosen: BaseMapChoice) -> tuple[Ground
     points = chosen.ground_points
     if not points:
         return ties, []
-    names = list(dict.fromkeys(point.name for point in points))
+    by_name = {point.name: point for point in points}
+    names, stated = list(by_name), by_name.values()
     images = [[path.name for path in chosen.images].index(point.image) for point in points]
-    place = {
-        p.name: selenographic_to_cartesian(
-            math.radians(p.longitude_deg), math.radians(p.latitude_deg), p.height_m
-        )
-        for p in points
-    }
-    pixels = np.array([point.point for point in points])
-    place_sigma = {point.name: point.sigma_m for point in points}
+    longitude, latitude = np.radians([(point.longitude_deg, point.latitude_deg) for point in stated]).T
+    places = selenographic_to_cartesian(longitude, latitude, np.array([point.height_m for point in stated]))
     return GroundTies(
         np.concatenate([ties.image, images]),
         np.concatenate([ties.point, len(ties.places_m) + np.array([names.index(p.name) for p in points])]),
-        np.concatenate([ties.pixels, pixels]),
+        np.concatenate([ties.pixels, [point.point for point in points]]),
         np.concatenate([ties.sigma_px, [p.point_sigma_px for p in points]]),
-        np.concatenate([ties.places_m, [place[name] for name in names]]),
-        np.concatenate([ties.place_sigma_m, [place_sigma[name] for name in names]]),
+        np.concatenate([ties.places_m, places]),
+        np.concatenate([ties.place_sigma_m, [point.sigma_m for point in stated]]),
     ), names
 
 

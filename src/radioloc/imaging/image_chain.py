@@ -140,14 +140,9 @@ class ImageChain:
         self.extent_m = map_features.base.extent_m(map_features.plane)
         if search_area is not None:
             longitude, latitude, radius_m = search_area
-            west, south, east, north = self.extent_m
-            self.extent_m = (
-                max(west, -radius_m),
-                max(south, -radius_m),
-                min(east, radius_m),
-                min(north, radius_m),
-            )
-            if self.extent_m[0] >= self.extent_m[2] or self.extent_m[1] >= self.extent_m[3]:
+            west, south, east, north = np.clip(self.extent_m, -radius_m, radius_m).tolist()
+            self.extent_m = west, south, east, north
+            if west >= east or south >= north:
                 raise InputError(
                     f"{map_features.base.path} does not show the surroundings of longitude {longitude:.4f}, latitude "
                     f"{latitude:.4f} degrees; it covers {map_features.base.coverage}"

@@ -41,6 +41,7 @@ _AXES = {code: axes.frame for code, axes in LUNAR_AXES.items()} | {10020: "IAU_M
 # Largest distance of an image's tables from its middle: line-scan images take seconds to minutes.
 _MAX_FROM_EPOCH_S = 86400.0
 _STATE_STEP_S = 1e-3
+_PIXEL_AXES = "sample", "line"
 _NOT_SUPPORT_DATA = "expected the JSON of an ISD or an ISIS cube, got neither; make the file again"
 
 
@@ -147,15 +148,10 @@ def _support_data(keys: Keys, scan: bool, axes: str | None) -> SupportData:
 
 def _camera(keys: Keys, scan: bool, down: Floats) -> Camera:
     """Return the interior orientation; `down` points to the Moon's centre in the camera's axes."""
-    by_sample = keys.numbers("focal2pixel_samples", (3,))
-    by_line = keys.numbers("focal2pixel_lines", (3,))
-    summing = np.array(
-        [keys.number("detector_sample_summing", 1.0), keys.number("detector_line_summing", 1.0)]
-    )
-    start = np.array(
-        [keys.number("starting_detector_sample", 0.0), keys.number("starting_detector_line", 0.0)]
-    )
-    centre = np.array([keys.number("detector_center.sample"), keys.number("detector_center.line")])
+    to_pixel = np.array([keys.numbers(f"focal2pixel_{axis}s", (3,)) for axis in _PIXEL_AXES])
+    summing = np.array([keys.number(f"detector_{axis}_summing", 1.0) for axis in _PIXEL_AXES])
+    start = np.array([keys.number(f"starting_detector_{axis}", 0.0) for axis in _PIXEL_AXES])
+    centre = np.array([keys.number(f"detector_center.{axis}") for axis in _PIXEL_AXES])
     first = np.array([_CSM_CENTRE, 0.0 if scan else _CSM_CENTRE])  # a line scan's detector is its line 0
     if not ((summing >= _SUMMING_LIMITS[0]) & (summing <= _SUMMING_LIMITS[1])).all():
         problem = (
@@ -164,8 +160,8 @@ def _camera(keys: Keys, scan: bool, down: Floats) -> Camera:
         raise FileFormatError(keys.path, problem.format(*_SUMMING_LIMITS, *summing))
     return Camera(
         keys.number("focal_length_model.focal_length"),
-        np.array([by_sample[1:], by_line[1:]]) / summing[:, None],
-        (centre + np.array([by_sample[0], by_line[0]]) - start) / summing - first,
+        to_pixel[:, 1:] / summing[:, None],
+        (centre + to_pixel[:, 0] - start) / summing - first,
         _distortion(keys),
         1 if down[2] > 0.0 else -1,
     )

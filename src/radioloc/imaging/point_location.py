@@ -33,7 +33,7 @@ from radioloc.vectors import Floats
 FRAME = "ME_DE421"  # axes of lunar maps
 _MIN_PROBABILITY = 1e-3  # of chi squared of distances that agree with the map
 _MAX_SPREAD_M = 10e3  # of landmarks
-_MAX_MISFIT_SIGMAS = 3.29  # of the separation of two rays, exceeded with a probability of 1 in 1000
+MAX_MISFIT_SIGMAS = 3.29  # of the separation of two rays, exceeded with a probability of 1 in 1000
 
 
 class Ground(NamedTuple):
@@ -209,7 +209,7 @@ def _inconsistency(names: list[str], measured: _Distances, residual_sigmas: Floa
     from scipy.stats import chi2 as chi_squared
 
     misfits = np.nan_to_num(measured.misfits)
-    if misfits.max() > _MAX_MISFIT_SIGMAS:
+    if misfits.max() > MAX_MISFIT_SIGMAS:
         worst = int(np.argmax(misfits))
         return (
             f"the rays of landmark {names[worst]} are {misfits[worst]:.1f} sigmas apart; check that it is the same "

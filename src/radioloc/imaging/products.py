@@ -29,7 +29,6 @@ from radioloc.lunar import LunarPosition, Map, cartesian_to_selenographic, east_
 from radioloc.lunar.grey_images import Image, Mask
 from radioloc.lunar.map_grid import MapGrid
 from radioloc.results.result import Content, Result, Table
-from radioloc.text_files import finite_or_none
 from radioloc.vectors import Floats
 
 FILES = ("poses.csv", "tie_points.csv", "images.gpkg", "mosaic.tif", "rectified/*.tif")
@@ -215,7 +214,7 @@ def _layers(solution: MappedImages, poses: Mapping[str, Any]) -> dict[str, list[
     """Return features of all layers: position with ellipses, outlines, cameras with their track, tie points."""
     cameras = [
         feature("Point", [row["longitude_deg"], row["latitude_deg"]], row)
-        for row in _rows({name: column.tolist() for name, column in poses.items() if len(column)})
+        for row in _rows({name: column for name, column in poses.items() if len(column)})
     ]
     places = track_deg(poses)
     track = [feature("LineString", places.tolist(), {"name": solution.name})] if len(places) > 1 else []
@@ -228,11 +227,16 @@ def _layers(solution: MappedImages, poses: Mapping[str, Any]) -> dict[str, list[
     }
 
 
-def _rows(columns: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
+def _rows(columns: Mapping[str, NDArray[Any]]) -> Iterator[dict[str, Any]]:
     """Yield rows of a table, with None for NaN."""
-    for values in zip(*columns.values(), strict=True):
-        plain = (finite_or_none(value) if isinstance(value, float) else value for value in values)
-        yield dict(zip(columns, plain, strict=True))
+    plain = [
+        np.where(np.isfinite(column), column, np.array(None))
+        if column.dtype.kind == "f"
+        else column.astype(object)
+        for column in columns.values()
+    ]
+    for row in zip(*plain, strict=True):
+        yield dict(zip(columns, row, strict=True))
 
 
 def _tie_features(solution: MappedImages) -> Iterator[dict[str, Any]]:
@@ -250,13 +254,13 @@ def _tie_features(solution: MappedImages) -> Iterator[dict[str, Any]]:
     residuals_m = np.full((2, count), np.nan)
     residuals_m[:, point[on_map]] = ties["residual_east_m"][on_map], ties["residual_north_m"][on_map]
     table = {
-        "point": numbers.tolist(),
-        "longitude_deg": ties["longitude_deg"][used][first].tolist(),
-        "latitude_deg": ties["latitude_deg"][used][first].tolist(),
-        "images": images[numbers].tolist(),
-        "rms_px": rms_px[numbers].tolist(),
-        "residual_east_m": residuals_m[0, numbers].tolist(),
-        "residual_north_m": residuals_m[1, numbers].tolist(),
+        "point": numbers,
+        "longitude_deg": ties["longitude_deg"][used][first],
+        "latitude_deg": ties["latitude_deg"][used][first],
+        "images": images[numbers],
+        "rms_px": rms_px[numbers],
+        "residual_east_m": residuals_m[0, numbers],
+        "residual_north_m": residuals_m[1, numbers],
     }
     for row in _rows(table):
         yield feature("Point", [row.pop("longitude_deg"), row.pop("latitude_deg")], row)

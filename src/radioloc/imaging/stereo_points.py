@@ -18,7 +18,7 @@ import numpy as np
 from radioloc.errors import InputError
 from radioloc.estimation.statistics import robust_scale
 from radioloc.imaging.frames import load_opencv, read_frame
-from radioloc.imaging.point_location import build_provenance, stereo_pair
+from radioloc.imaging.point_location import MAX_MISFIT_SIGMAS, build_provenance, stereo_pair
 from radioloc.imaging.stereo import StereoPair
 from radioloc.imaging.study import PointStudy, StereoPairChoice
 from radioloc.lunar.grey_images import Image
@@ -30,7 +30,6 @@ BODY_AXES = ("ahead", "right", "down")
 _BLOCK_PX = 7
 _DISPARITY_UNITS = 16  # of OpenCV's matching, per pixel
 _CLOUD_STEP_PX = 3
-_MAX_MISFIT_SIGMAS = 3.29  # of the separation of two rays, exceeded with a probability of 1 in 1000
 _MAX_SIGMA_PART = 0.05  # of the distance, for points of the cloud
 _NEIGHBOURHOOD_PX = 3  # around a chosen feature; the median of its shifts is used
 # Rows: ahead, right and down in the axes of a camera: right, down, ahead.
@@ -153,7 +152,7 @@ def measure_stereo(study: PointStudy) -> StereoPoints:
     lattice = (lines % _CLOUD_STEP_PX == 0) & (samples % _CLOUD_STEP_PX == 0)
     cloud = pair.intersect(left_px[lattice], right_px[lattice], chosen.point_sigma_px)
     sigma_m = np.sqrt(np.linalg.eigvalsh(cloud.covariance_m2)[:, -1])
-    consistent = cloud.misfit < _MAX_MISFIT_SIGMAS
+    consistent = cloud.misfit < MAX_MISFIT_SIGMAS
     consistent &= sigma_m < _MAX_SIGMA_PART * np.linalg.norm(cloud.points_m, axis=1)
     to_body = _rot_camera_to_body(chosen)
     feature_m, covariance_m2 = np.zeros((0, 3)), np.zeros((0, 3, 3))

@@ -69,13 +69,8 @@ def of_correction(matrix: Floats, normal: Floats, covariance: Floats) -> Homogra
 
 def of_elements(matrix: Floats, covariance: Floats) -> Homography:
     """Build a homography from a matrix of any scale and the covariance of its nine elements."""
-    scaled = _scaled(matrix)
-    change = (np.eye(9)[:8] - np.outer(scaled.ravel()[:8], np.eye(9)[8])) / matrix[2, 2]
-    return Homography(scaled, change @ covariance @ change.T)
-
-
-def _scaled(matrix: Floats) -> Floats:
-    """Return the matrix with a last element of 1."""
     if abs(matrix[2, 2]) < 1e-12 * np.abs(matrix).max():
         raise InputError("a homography moves the origin of its coordinates to infinity")
-    return np.asarray(matrix / matrix[2, 2])
+    scaled = matrix / matrix[2, 2]
+    change = (np.eye(9)[:8] - np.outer(scaled.ravel()[:8], np.eye(9)[8])) / matrix[2, 2]
+    return Homography(scaled, change @ covariance @ change.T)

@@ -314,13 +314,9 @@ class ImageChain:
 
     def require_descent(self) -> None:
         """Raise an error for images in reversed order, whose pixels on the ground grow from image to image."""
-        growth = np.log(
-            [
-                pixel_size_m(matrix, self.images[number].size)
-                for (number, earlier), matrix in self.links.items()
-                if number - earlier == 1
-            ]
-        )
+        pairs = [(number, self.links.get((number, number - 1))) for number in range(1, len(self.images))]
+        links = [(self.images[number].size, matrix) for number, matrix in pairs if matrix is not None]
+        growth = np.log([pixel_size_m(matrix, size) for size, matrix in links])
         factor = float(np.exp(growth.sum()))
         if factor > MAX_PIXEL_GROWTH and (growth > 0.0).mean() > _MIN_GROWING_PART:
             raise InputError(

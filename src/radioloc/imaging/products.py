@@ -98,19 +98,12 @@ def pose_table(solution: MappedImages) -> dict[str, Any]:
         east, north, up = east_north_up(longitude[0], latitude[0]) @ rotation[:, 2]
         covariance = registration.pose_covariance(frame.name)
         sigmas = np.full(6, np.nan) if covariance is None else np.sqrt(np.diag(covariance))
-        place_deg = np.degrees([longitude[0], latitude[0]])
         altitude_m = solution.altitudes_m.get(frame.name, math.nan)
         axis_deg = math.degrees(math.acos(min(1.0, -up))), math.degrees(math.atan2(east, north)) % 360.0
-        quaternion, sigmas_deg = quaternions_from_matrices(rotation[None])[0], np.degrees(sigmas[:3])
         numbers = (
-            *position,
-            *quaternion,
-            *place_deg,
-            height_m,
-            altitude_m,
-            *axis_deg,
-            *sigmas_deg,
-            *sigmas[3:],
+            *(*position, *quaternions_from_matrices(rotation[None])[0]),
+            *(*np.degrees([longitude[0], latitude[0]]), height_m, altitude_m),
+            *(*axis_deg, *np.degrees(sigmas[:3]), *sigmas[3:]),
         )
         rows.append((frame.name, _LEVEL if covariance is None else _ADJUSTED, *numbers))
     columns = map(np.array, zip(*rows, strict=True))

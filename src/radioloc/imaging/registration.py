@@ -371,11 +371,7 @@ def adjusted_registration(
     on_map[ties.map_point[result.map_used]] = True
     frames = [
         RegisteredFrame(
-            image.name,
-            image.status,
-            image.reason,
-            tuple(image.matched_to),
-            image.candidates,
+            *(image.name, image.status, image.reason, tuple(image.matched_to), image.candidates),
             centre=image.centre,
         )
         for image in chain.images

@@ -214,6 +214,7 @@ class Prepared:
         """Return an arc linearized at the truth; None where its partials are not finite."""
         problem = part.problem
         model, noise, estimate, count = problem.model, problem.noise, problem.choice, problem.reported_count
+        order = replace(problem.order, is_of_trials=True)
         assert estimate is not None
         x = true_parameters(problem, self.targets)
         rows = np.arange(len(part.rows))
@@ -236,7 +237,7 @@ class Prepared:
         )
         values = np.append(x[:count], np.zeros(directions.shape[1]))
         linear = linear_problem(
-            np.hstack([partials[:, :count], directions]), parameters, values, noise, usable, problem.order
+            np.hstack([partials[:, :count], directions]), parameters, values, noise, usable, order
         )
         if linear is None:
             return None
@@ -252,7 +253,7 @@ class Prepared:
             ),
             noise=noise,
             status=Labels((~usable).astype(np.int32), (USED, "not usable")),
-            order=replace(problem.order, is_of_trials=True),
+            order=order,
             estimate=replace(estimate, height_prior=None),  # which is in the parameters; a map is large
             unadjusted_m=unadjusted.partials(rows) * unadjusted.parameters.prior_sigmas,
             drawn_sigmas=self._drawn_sigmas(problem),

@@ -136,13 +136,13 @@ class SeriesNoise:
         return float(np.exp((weight * np.log(self.tau_s)).sum() / weight.sum()))
 
     def whitening_root(self, step_s: Floats, gain: Floats, width_s: float = 0.0) -> Floats:
-        """Root L of the inverse covariance of points, V^-1 = L^T L, lower triangular, (n, n)."""
+        """Root L of the inverse covariance of points, V^-1 = L^T L, lower triangular, (n, n); () of white noise."""
         from scipy.linalg.lapack import dtrtri
 
         variance = self.coloured * mean_correlation(width_s, self.tau_s)
         lasting = variance > _MIN_VARIANCE_FRACTION * variance.sum()
         if not lasting.any():
-            return np.eye(len(gain)) / math.sqrt(self.white)
+            return np.asarray(1.0 / math.sqrt(self.white))
         time_s, covariance = np.cumsum(step_s), self.white * np.eye(len(gain))
         lag_s = np.abs(time_s[:, None] - time_s)
         for process_variance, tau_s in zip(variance[lasting], self.tau_s[lasting], strict=True):

@@ -68,7 +68,7 @@ class BinnedProblem:
     code: Indices  # (m,), index of the series of single observations
     values: Floats  # (m, 1 + q), constant of the link, and partials with respect to the estimated parameters
     candidates: Floats  # (m, h), change by one sigma of parameters that the fit holds at zero
-    roots: tuple[Floats, ...]  # L of each series of points, V^-1 = L^T L
+    roots: tuple[Floats, ...]  # L of each series of points, V^-1 = L^T L; a number for white noise
     white: tuple[float, ...] = ()  # white variance of each series
 
     @cached_property
@@ -77,8 +77,14 @@ class BinnedProblem:
         rows = np.vstack([np.column_stack([self.points.residual, self.points.unit]), self.prior])
         for k, root in enumerate(self.roots):
             part = self.points.series_slice(k)
-            rows[part] = root @ rows[part]
+            rows[part] = _times(root, rows[part])
         return rows
+
+    @cached_property
+    def _weighted_rows(self) -> Floats:
+        """Residuals and partials of the points times their inverse covariance, (n, 1 + c)."""
+        parts = [_times(root.T, self._rows[self.points.series_slice(k)]) for k, root in enumerate(self.roots)]
+        return np.concatenate(parts)
 
     @property
     def whitened(self) -> Floats:
@@ -201,8 +207,9 @@ class BinnedProblem:
         squares = np.zeros(values.shape[1])
         for k in np.unique(series).tolist():
             of_series = series == k
-            root = self.roots[k][:, rows[of_series] - self.points.begin[k]]
-            squares += np.square(root @ values[of_series]).sum(axis=0)
+            root = self.roots[k]
+            root = root[:, rows[of_series] - self.points.begin[k]] if root.ndim else root
+            squares += np.square(_times(root, values[of_series])).sum(axis=0)
         values = values / np.sqrt(np.where(squares > 0.0, squares, 1.0))
         if len(rows) < values.shape[1]:
             vectors, sizes, _ = np.linalg.svd(values, full_matrices=False)
@@ -227,12 +234,19 @@ class BinnedProblem:
     def _rows_of(
         self, links: Mapping[int, float], span_s: tuple[float, float] = (-np.inf, np.inf)
     ) -> tuple[Indices, Indices, Floats]:
-        signs = np.full(int(self.code.max()) + 1, np.nan)
+        signs = np.zeros(int(self.code.max()) + 1)
         signs[list(links)] = list(links.values())
-        indices = np.flatnonzero(~np.isnan(signs[self.code]))
+        indices = np.concatenate([self._indices_of_code[code] for code in links])
+        indices = np.sort(indices) if len(links) > 1 else indices
         time_s = self.points.time_s[self.place[indices]]
         indices = indices[(time_s >= span_s[0]) & (time_s <= span_s[1])]
         return indices, self.place[indices], signs[self.code[indices]]
+
+    @cached_property
+    def _indices_of_code(self) -> list[Indices]:
+        """Contributions to points of each series of single observations."""
+        order, ends = np.argsort(self.code, kind="stable"), np.cumsum(np.bincount(self.code))
+        return np.split(order, ends[:-1])
 
     def _series_with(self, columns: Floats) -> Iterator[tuple[slice, Floats]]:
         """Points and roots of the series in which columns (n + k, w) have nonzero elements."""
@@ -257,7 +271,7 @@ class BinnedProblem:
         z = columns.toarray(order="F")
         for part, root in self._series_with(z):
             nonzero = np.flatnonzero(z[part].any(axis=0))
-            z[part, nonzero] = root @ z[part, nonzero]
+            z[part, nonzero] = _times(root, z[part, nonzero])
         sparse_products = csr_array(csr_array(z.T) @ self._rows)  # few parameters act on most columns
         products = sparse_products.toarray()
         with_partials = products[:, 1:]
@@ -276,7 +290,7 @@ class BinnedProblem:
         Residuals are those after a shift of the parameters (c,) and a further effect (n + k,).
         """
         _, place, sign = self._rows_of(links)
-        residual = self.residual[place] - self.whitened[place] @ shift - effect[place]
+        residual = (self.residual - self.whitened @ shift - effect)[place]
         count = np.bincount(self._epoch[place])
         sums = np.bincount(self._epoch[place], sign * residual)[count > 0]
         return _spread(sums / np.sqrt(count[count > 0]))
@@ -287,10 +301,12 @@ class BinnedProblem:
         constant = self.columns(links).toarray()[:, 0]
         squares, products = np.zeros(len(edges_s)), np.zeros((len(edges_s), self._rows.shape[1]))
         for part, root in self._series_with(constant[:, None]):
-            index = np.searchsorted(self.points.time_s[part], edges_s)
-            steps = _sums_from(root.T * constant[part, None])
-            squares += np.square(steps).sum(axis=1)[index]
-            products += (steps @ self._rows[part])[index]
+            index, of_points = np.searchsorted(self.points.time_s[part], edges_s), constant[part, None]
+            if root.ndim:
+                squares += np.square(_sums_from(root.T * of_points)).sum(axis=1)[index]
+            else:
+                squares += _sums_from(np.square(root * of_points))[index, 0]
+            products += _sums_from(of_points * self._weighted_rows[part])[index]
         with_partials = products[:, 1:]
         score = products[:, 0] - with_partials @ self.estimate
         acting = np.flatnonzero(with_partials.any(axis=0))
@@ -333,6 +349,7 @@ class BinnedProblem:
         for k, root in enumerate(self.roots):
             part, white = self.points.series_slice(k), self.white[k]
             of_series = residual_columns[part]
+            root = root if root.ndim else root * np.eye(len(of_series))
             weights, precision = root.T @ of_series, root.T @ root
             of_white = white * float(weights @ weights)
             fractions = np.array([of_white, float(of_series @ of_series) - of_white]) / total
@@ -410,10 +427,15 @@ def estimate_change(fitted: BinnedProblem, changed: BinnedProblem) -> tuple[Floa
     effects = fitted.inverse[:count] @ fitted.whitened.T
     for k, root in enumerate(changed.roots):
         part = changed.points.series_slice(k)
-        of_fit = effects[:, part] @ fitted.roots[k] if fitted.roots else effects[:, part]
-        effects[:, part] = np.linalg.solve(root.T, of_fit.T).T
+        of_fit = _times(fitted.roots[k].T, effects[:, part].T) if fitted.roots else effects[:, part].T
+        effects[:, part] = (np.linalg.solve(root.T, of_fit) if root.ndim else of_fit / root).T
     root_of_change = changed.inverse[:count] @ changed.whitened.T - effects
     return changed.estimate[:count], root_of_change
+
+
+def _times(root: Floats, values: Floats) -> Floats:
+    """Product of a root (n, n), or a number, with values (n, w)."""
+    return np.asarray(root @ values if root.ndim else root * values)
 
 
 def _scaled_inverse(normal: Floats) -> Floats:

@@ -93,7 +93,7 @@ class IndependentSeries(StructuredWhitener):
     """Whitener to independent combinations, N, which belong to s series in order of time."""
 
     series: tuple[Series, ...]
-    number: Indices  # (N,), series of each combination, in the order of the whitener
+    number: Codes  # (N,), series of each combination, in the order of the whitener
     time_s: Floats  # (N,)
     compiled: bool = False  # whether compilation of the loops that seek their noise pays
     # Combinations (b, k) of blocks with rejected members, structure by structure, and orthonormal axes (b, k, h) of
@@ -443,8 +443,10 @@ def independent_series(order: SeriesOrder, noise: ObservationCovariance, used: M
     """All series of the used observations."""
     structures = noise.whitener(used, order.order).structures
     singles = [structure for structure in structures if not isinstance(structure, Blocks)]
-    rows = np.concatenate([np.zeros(0, dtype=np.intp), *(structure.rows for structure in singles)])
-    codes, number = np.unique(order.code[rows], return_inverse=True)
+    rows = np.concatenate([np.zeros(0, dtype=np.int32), *(structure.rows for structure in singles)])
+    code = order.code[rows]
+    codes = np.flatnonzero(np.bincount(code))
+    number = np.searchsorted(codes, np.arange(len(order.series))).astype(np.int32)[code]
     links = [order.series[code] for code in codes.tolist()]
     series = [Series(link.name, link.name, link.kind, link.kind) for link in links]
     numbers, times_s = [number], [order.time_s[rows]]
@@ -456,7 +458,7 @@ def independent_series(order: SeriesOrder, noise: ObservationCovariance, used: M
     ]
     for block_series, block in blocks:
         count, k = block.rows.shape
-        numbers.append(np.tile(len(series) + np.arange(k), count))
+        numbers.append(np.tile(np.arange(len(series), len(series) + k, dtype=np.int32), count))
         times_s.append(np.repeat(order.time_s[block.rows[:, 0]], k))
         series += block_series
     structures = (*singles, *(block for _, block in blocks))

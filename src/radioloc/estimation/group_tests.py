@@ -25,7 +25,7 @@ import numpy as np
 from radioloc.estimation.consider import NO_ERRORS, UnestimatedErrors
 from radioloc.estimation.gauss_markov import Points, SeriesNoise, noise_of_series
 from radioloc.estimation.least_squares import FitResult
-from radioloc.estimation.linearization import gram, matrix_product
+from radioloc.estimation.linearization import free_partials, gram, matrix_product
 from radioloc.estimation.series import SeriesOrder, independent_series, link_contributions, points_of
 from radioloc.estimation.time_correlation import ABSORBED_SIGMAS, mixed_units
 from radioloc.noise.whitening import Rows, column
@@ -130,8 +130,10 @@ class BinnedProblem:
         sigmas = np.append(fit.parameters.prior_sigmas[free], considered_sigmas)
         offset = np.append((fit.parameters.prior_values - fit.x)[free], np.zeros(len(considered_sigmas)))
 
+        partials_of = free_partials(fit.linearization, free)
+
         def constant_and_partials(rows: Rows) -> Floats:
-            columns = [np.ones((len(rows), 1)), fit.linearization.partials(rows)[:, free]]
+            columns = [np.ones((len(rows), 1)), partials_of(rows)]
             columns += [considered.partials(rows), candidates.partials(rows)]
             return np.hstack(columns)
 

@@ -24,7 +24,7 @@ from radioloc.estimation.smooth_partials import SmoothPartials
 from radioloc.measurements.predictor import ROWS_AT_ONCE
 from radioloc.noise.covariance import ObservationCovariance
 from radioloc.noise.processes import KalmanFilter
-from radioloc.noise.whitening import LinkedWhitener, Rows, Whitener, column
+from radioloc.noise.whitening import LinkedWhitener, Rows, RowsOf, Whitener, column
 from radioloc.parameters.parameter import ParameterSet
 from radioloc.vectors import Floats, Indices, Mask
 
@@ -49,6 +49,14 @@ def smooth_partials(linearization: Linearization) -> SmoothPartials | None:
     """Return the partials of a dense series as polynomials; None of others."""
     smooth: SmoothPartials | None = getattr(linearization, "smooth", None)
     return smooth
+
+
+def free_partials(linearization: Linearization, free: Mask) -> RowsOf:
+    """Return the function from rows (m,) to partials with respect to the free parameters, (m, q)."""
+    smooth = smooth_partials(linearization)
+    if smooth is not None:
+        return smooth.combined(np.eye(len(free))[:, free])
+    return lambda rows: linearization.partials(rows)[:, free]
 
 
 def process_noise(linearization: Linearization) -> tuple[StochasticAccelerations, ...]:

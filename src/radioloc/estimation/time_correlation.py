@@ -55,6 +55,7 @@ from radioloc.estimation.linearization import (
     ResidualFunction,
     covariance_matrix,
     directions_of_rows,
+    free_partials,
     gram,
     matrix_product,
     root_of_rows,
@@ -99,7 +100,7 @@ def _correlation_of_residuals(
     if whitened is not None and series is fit.whitening:
         partials = series.binned(whitened.parts)[0] @ whitened.from_free
     else:
-        partials = binned_partials(series, fit.linearization.partials)[:, free]
+        partials = binned_partials(series, free_partials(fit.linearization, free))
     points = replace(points, unit=partials)
     noise = noise_of_series(*_without_considered(fit, points), significant=False)
     if not noise:

@@ -306,8 +306,8 @@ class ObservationCovariance:
         of_shared = [used & (term.group != ALONE) for term in shared]
         of_phases = [used & (term.link != ALONE) for term in phases]
         independent = used & ~np.any([~used, *of_shared, *of_phases], axis=0)
-        rows = np.flatnonzero(independent) if order is None else order[independent[order]]
-        structures: list[Structure] = [Diagonal(rows, self.white_m[rows])] if len(rows) else []
+        rows = np.flatnonzero(independent).astype(np.int32) if order is None else order[independent[order]]
+        structures: list[Structure] = [Diagonal(rows, self.white_m)] if len(rows) else []
         for term, members in zip(shared, of_shared, strict=True):
             if members.any():
                 structures += term.blocks(self.white_m, np.flatnonzero(members))
@@ -345,7 +345,7 @@ class ObservationCovariance:
         for number in np.unique(network[order]).tolist():
             rows = order[network[order] == number]
             if number == NONE:
-                yield Diagonal(rows, self.white_m[rows])
+                yield Diagonal(rows, self.white_m)
                 continue
             states = np.unique(process[rows])
             states = states[states != NONE]

@@ -90,11 +90,16 @@ class Diagonal:
     """Whitener of independent observations."""
 
     rows: Rows  # (n,)
-    sigma_m: Floats  # (n,)
+    white_m: Floats  # standard deviations of all observations, used or not
+
+    @property
+    def sigma_m(self) -> Floats:
+        """Standard deviations of the observations, m, (n,)."""
+        return self.white_m[self.rows]
 
     def select(self, some: Mask | Rows | slice) -> Diagonal:
         """Select some of the observations."""
-        return Diagonal(self.rows[some], self.sigma_m[some])
+        return Diagonal(self.rows[some], self.white_m)
 
     def parts(self) -> Iterator[slice]:
         """Yield slices of some thousand successive rows."""
@@ -102,7 +107,7 @@ class Diagonal:
 
     def whiten(self, part: slice, values: Floats) -> Floats:
         """Values over their standard deviations."""
-        return values * (1.0 / self.sigma_m[part])[:, None]
+        return values * (1.0 / self.white_m[self.rows[part]])[:, None]
 
     transpose = whiten
 

@@ -193,6 +193,8 @@ def fit_with_editing(
 
 def with_reasons(status: Labels, reasons: Mapping[int, str]) -> Labels:
     """Return labels with other texts in some rows."""
+    if not reasons:
+        return status
     codes = status.codes.copy()
     codes[list(reasons)] = len(status.texts) + np.arange(len(reasons))
     return Labels.coded((*status.texts, *reasons.values()), codes)

@@ -291,7 +291,7 @@ def noise_with_shared(
     for code, link in enumerate(order.series):
         if -1.0 in link.signs.values():
             codes_of.setdefault(link.kind, []).append(code)
-    n, noise_m, shared = len(delay_sigma_m), fit.noise.white_m.copy(), list[SharedAtEpoch]()
+    n, noise_m, shared = len(delay_sigma_m), fit.noise.white_m, list[SharedAtEpoch]()
     stated = [term.group != ALONE for term in fit.noise.of_type(SharedAtEpoch)]
     if any((is_shared & order.types.are(kind)).any() for kind in codes_of for is_shared in stated):
         return None
@@ -315,6 +315,7 @@ def noise_with_shared(
             > _MAX_STATION_SIGMA_RATIO * np.sqrt(variance_m2[0]) * delay_sigma_m[rows].min()
         ):
             continue
+        noise_m = noise_m.copy()
         noise_m[rows] = np.sqrt(variance_m2[0]) * delay_sigma_m[rows]
         group, source, effect_m = np.full(n, ALONE), np.zeros((n, 2), dtype=np.intp), np.zeros((n, 2))
         group[rows], source[rows] = epoch, stations
@@ -340,7 +341,7 @@ def _patterns(
 ) -> Iterator[_Pattern]:
     """Epochs at which baselines with stations in common are used, by these baselines."""
     used = fit.used[rows]
-    row_of = np.full((epoch.max() + 1, len(signs)), -1)
+    row_of = np.full((epoch.max() + 1, len(signs)), -1, dtype=np.int32)
     row_of[epoch[used], of_code[used]] = rows[used]
     kinds, pattern_index = distinct(row_of >= 0)
     for k, observed in enumerate(kinds):

@@ -29,6 +29,7 @@ from radioloc.vectors import Codes, Floats, Indices, Mask
 MAX_POINTS = 250  # of a series; longer ones are averaged over bins before a noise model is sought
 _MIN_COMPILED_ROWS = 2**16  # of observations from which on noise is sought by compiled loops
 _MIN_INTACT_FRACTION = 0.9  # of each series of a trial, below which all series are found anew
+_ROWS_AT_ONCE = 2**20  # of indices that are made at once
 _MAX_BIN_ROWS = 16  # rows of a bin whose partials are computed: partials are smooth within a bin
 _SIGMA_RTOL = 1e-6  # of combinations that are equal but for rounding
 _MIN_REMAINING_FRACTION = 0.37  # symmetric networks have no such part, so rounding does not decide
@@ -142,7 +143,9 @@ class IndependentSeries(StructuredWhitener):
     @cached_property
     def intact(self) -> Floats:
         """Mask of the combinations of independent observations and blocks without rejected members, (N,), floats."""
-        mask = np.ones(len(self.number))
+        mask = np.broadcast_to(1.0, len(self.number))
+        if self.rejections:
+            mask = mask.copy()
         for combinations, _ in self.rejections:
             mask[combinations] = 0.0
         return mask
@@ -163,10 +166,11 @@ class IndependentSeries(StructuredWhitener):
             yield values
 
     @cached_property
-    def of_each(self) -> list[Indices]:
+    def of_each(self) -> list[Rows]:
         """Combinations of each series, in order of time."""
         count = np.bincount(self.number, minlength=len(self.series))
-        return np.split(np.argsort(self.number, kind="stable"), np.cumsum(count)[:-1])
+        order = np.argsort(self.number, kind="stable").astype(np.int32)
+        return np.split(order, np.cumsum(count)[:-1])
 
     @cached_property
     def bins(self) -> tuple[Codes, Indices, Floats]:
@@ -188,7 +192,7 @@ class IndependentSeries(StructuredWhitener):
     @cached_property
     def in_bin(self) -> Floats:
         """Number of combinations in each bin, those of blocks with rejected members omitted."""
-        return np.bincount(self.bins[0], self.intact).astype(np.float64)
+        return _sums(self.bins[0], self.bins[1][-1], self.intact)
 
     def binned(self, parts: Iterable[Floats]) -> tuple[Floats, Floats]:
         """Return sums (n, c) of whitened parts in bins by the roots of their counts, and squares of column 0, (s,)."""
@@ -280,7 +284,9 @@ class CorrelatedWhitener:
         step_s = np.diff(series.time_s, prepend=series.time_s[0])
         transition = transitions(step_s, variance, tau_s, changed(series.number))
         every = np.zeros((len(white), 1), dtype=np.intp)
-        return cls(series, KalmanFilter.from_processes(every, series.intact[:, None], white, transition))
+        return cls(
+            series, KalmanFilter.from_processes(every, series.intact[:, None].copy(), white, transition)
+        )
 
     @property
     def stated(self) -> IndependentSeries:
@@ -319,17 +325,26 @@ def add_rows(sums: Floats, place: Indices | Codes, values: Floats, weight: Float
     sums += matrix.T @ values
 
 
+def _sums(place: Codes, count: int, weight: Floats | None = None) -> Floats:
+    """Return the sums in bins of weights (n,), by default one, part by part: indices of all rows are large."""
+    sums = np.zeros(count)
+    for start in range(0, len(place), _ROWS_AT_ONCE):
+        part = slice(start, start + _ROWS_AT_ONCE)
+        sums += np.bincount(place[part], None if weight is None else weight[part], count)
+    return sums
+
+
 def points_of(series: IndependentSeries, rows_of: RowsOf) -> Points:
     """Points of each series, averaged beyond :data:`MAX_POINTS`: residuals in column 0, then partials."""
     place, begin, width_s = series.bins
     columns, squares = series.binned(series.whitened(rows_of))
-    time_s = np.bincount(place, series.intact * series.time_s) / series.in_bin
+    time_s = _sums(place, begin[-1], series.intact * series.time_s) / series.in_bin
     step_s = np.diff(time_s, prepend=time_s[0])
     step_s[begin[:-1]] = 0.0
     return Points(
         series=series.series,
         begin=begin,
-        count=np.bincount(series.number, series.intact, len(squares)),
+        count=_sums(series.number, len(squares), series.intact),
         squares=squares,
         width_s=width_s,
         step_s=step_s,
@@ -347,7 +362,8 @@ def link_contributions(
     """Return contributions of links to points: point and link, (m,), and sums of smooth columns, (m, c)."""
     from scipy.sparse import csr_array
 
-    count, begin = np.bincount(series.bins[0]), series.bins[1]
+    begin = series.bins[1]
+    count = _sums(series.bins[0], begin[-1])
     widths = np.ones(begin[-1], dtype=np.intp)
     for _, _, rows, bin_of in _binned_parts(series):
         widths[bin_of] = rows.shape[1]
@@ -392,7 +408,7 @@ def binned_partials(series: IndependentSeries, rows_of: RowsOf) -> Floats:
             values = structure.whiten(part, rows_of(rows.ravel()))
         sums = sums if sums.size else np.zeros((len(sums), values.shape[1]))
         add_rows(sums, bin_of.ravel(), values)
-    return sums / np.sqrt(np.bincount(place))[:, None]
+    return sums / np.sqrt(_sums(place, begin[-1]))[:, None]
 
 
 def _binned_parts(series: IndependentSeries) -> Iterator[tuple[Structure, slice, Indices, Codes]]:

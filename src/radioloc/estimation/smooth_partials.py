@@ -139,17 +139,19 @@ class SmoothPartials:
             else:
                 scale = np.broadcast_to(1.0, structure.rows.size) if noise is None else noise.scale[part]
                 scale = scale.reshape(len(structure.rows), -1)
-                for section in smooth._sections(structure):
+                for section in smooth._sections(structure.rows.reshape(len(scale), -1)[:, 0]):
                     yield from smooth._independent(
                         structure.select(section), scale[section], residual_m, rows_of
                     )
 
-    def _sections(self, structure: Diagonal | Blocks) -> Iterator[slice]:
-        """Yield slices of some thousand blocks, cut between cells."""
-        cell = self.cell[structure.rows if isinstance(structure, Diagonal) else structure.rows[:, 0]]
-        starts = np.append(np.flatnonzero(changed(cell)), len(cell))
-        cuts = starts[np.diff(starts // _SECTION_BLOCKS, prepend=0) > 0]
-        return map(slice, [0, *cuts.tolist()], [*cuts.tolist(), len(cell)])
+    def _sections(self, rows: Rows) -> Iterator[slice]:
+        """Yield slices of some thousand rows, cut between cells."""
+        end = 0
+        while (begin := end) < len(rows):
+            end = begin + _SECTION_BLOCKS
+            new = np.flatnonzero(changed(self.cell[rows[end - 1 : end + _SECTION_BLOCKS]]))[1:2]
+            end = end - 1 + int(new[0]) if len(new) else len(rows)
+            yield slice(begin, end)
 
     def _groups(self, members: Rows, codes: Indices | None = None) -> tuple[Rows, Mask]:
         """Numbers of successive blocks (b, k) of one cell and code, (g,), and whether polynomials represent them."""

@@ -83,7 +83,7 @@ class Points:
 
     series: tuple[Series, ...]
     begin: Indices  # (s + 1,), first point of each, and n
-    count: Indices  # (s,), observations of each
+    count: Floats  # (s,), observations of each
     squares: Floats  # (s,), sum of squares of the whitened residuals of all observations
     width_s: Floats  # (s,), duration of the bins, s; zero where points are single observations
     step_s: Floats  # (n,), time since the point before of the same series, s

@@ -354,6 +354,9 @@ def _coupled(first: Indices, image: Indices, coupling: Floats, between: Floats, 
     starts = [np.flatnonzero(to_end > lag) for lag in range(number.max(initial=0))]
     columns = np.concatenate(starts)
     rows = columns + np.repeat(np.arange(len(starts)), [len(start) for start in starts])
+    # Two observations of a point in one image, in full and reduced, are a pair in both orders.
+    double = np.flatnonzero((image[rows] == image[columns]) & (rows != columns))
+    rows, columns = np.append(rows, columns[double]), np.append(columns, rows[double])
     key = image[rows] * images + image[columns]
     order = np.argsort(key, kind="stable")
     keys, bounds = np.unique(key[order], return_index=True)

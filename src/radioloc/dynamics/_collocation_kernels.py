@@ -30,7 +30,7 @@ from radioloc.dynamics._force_data import (
 )
 from radioloc.dynamics._force_kernels import EARTH_RADIUS_M, accelerations, quantities, variations
 from radioloc.dynamics._vector_kernels import add, dot, minus, put
-from radioloc.vectors import Floats, Indices
+from radioloc.vectors import Floats
 
 _SAFETY_FACTOR, _MIN_STEP_RATIO, _MAX_STEP_RATIO = 0.9, 0.2, 4.0
 """Safety factor of the next step, and its bounds relative to the present step (Hairer et al. 1993, II.4)."""
@@ -156,9 +156,7 @@ def _partial_accelerations(
 @compiled()
 def _error(series: Floats, h: float, tolerance: Tolerance) -> float:
     """Return the ratio of the error of a step to the tolerance, by the last terms of the Legendre series."""
-    last = 0.0
-    for k in range(3):
-        last = max(last, abs(series[NODES - 1, k]), 0.1 * abs(series[NODES - 2, k]))
+    last = max(np.abs(series[NODES - 1]).max(), 0.1 * np.abs(series[NODES - 2]).max())
     # An integral of the term of degree n is at most the term divided by n.
     scale = 0.5 * abs(h) / NODES
     return max(scale * last / tolerance.velocity_m_s, scale * scale * last / tolerance.position_m)
@@ -176,10 +174,7 @@ def _body_at(r: Floats, earth: Floats, tolerance: Tolerance) -> int:
 @compiled()
 def _extended(rows: Floats) -> Floats:
     """Return the rows with space for as many more."""
-    out = np.empty((2 * len(rows), rows.shape[1]))
-    for i in range(len(rows)):
-        put(out[i], rows[i])
-    return out
+    return np.concatenate((rows, np.empty_like(rows)))
 
 
 @compiled()
@@ -262,14 +257,16 @@ def integrate(
 
 
 @compiled()
-def interpolate(t: Floats, steps: Indices, states: Floats, dense: Floats) -> Floats:
-    """Return states and partials at times within steps, shape (len(t), n)."""
-    n = states.shape[1] - 1
+def interpolate(t: Floats, states: Floats, dense: Floats) -> Floats:
+    """Return states and partials at times within the steps, shape (len(t), n)."""
+    n, last = states.shape[1] - 1, len(states) - 1
     out = np.empty((len(t), n))
+    sign = 1.0 if states[last, 0] > states[0, 0] else -1.0
+    forward = sign * states[:, 0]
     at, legendre, integrals = np.empty(1), np.empty(NODES + 2), np.empty(NODES + 1)
     to_speeds, to_places = np.empty((1, NODES)), np.empty((1, NODES))
     for i in range(len(t)):
-        step = steps[i]
+        step = min(max(np.searchsorted(forward, sign * t[i], side="right") - 1, 0), last - 1)
         h = states[step + 1, 0] - states[step, 0]
         x = 2.0 * (t[i] - states[step, 0]) / h - 1.0
         # The integral of P_k from -1 on is (P_k+1 - P_k-1) / (2 k + 1).

@@ -13,7 +13,7 @@ from radioloc.constants import C_M_S, MEAN_LUNAR_RADIUS_M
 from radioloc.dynamics import _force_data as layout
 from radioloc.dynamics._force_data import ForceData
 from radioloc.dynamics._harmonic_kernels import harmonic_sums
-from radioloc.dynamics._vector_kernels import add, add_rotated, cross, dot, minus, times, unit
+from radioloc.dynamics._vector_kernels import add, cross, dot, minus, times, unit
 from radioloc.vectors import Floats
 
 SUN_RADIUS_M = 6.957e8  # IAU 2015 resolution B3, as the Sun's irradiance below
@@ -61,7 +61,8 @@ def _tensor(sky: Floats, gm: Floats, permanent: Floats) -> Floats:
     """Return the tide-raising tensor of Earth and Sun, sum of GM u u / R^3, less that of the field, ICRF axes."""
     out = np.zeros((3, 3))
     if permanent[0, 0] != 0.0:
-        add_rotated(out, -1.0, permanent, sky[layout.ROTATION : layout.ROTATION + 9].reshape((3, 3)))
+        rotation = sky[layout.ROTATION : layout.ROTATION + 9].reshape((3, 3))
+        out -= rotation.T @ (permanent @ rotation)
     for body in range(1, 3):
         place = sky[3 * body - 3 : 3 * body]
         square = dot(place, place)
@@ -280,13 +281,8 @@ def accelerations(r: Floats, v: Floats, sky: Floats, data: ForceData) -> Floats:
             speeds[2, i] = moon_speed[i] + sky[layout.SUN_VELOCITY + i]
         speed = moon_speed.copy()
         add(speed, 1.0, v)
-        for first in range(2):  # that of the Moon's centre is subtracted
-            at, moving = (places[0], moon_speed) if first else (r, speed)
-            add(
-                out[layout.RELATIVITY],
-                1.0 - 2.0 * first,
-                _post_newtonian(at, moving, first, places, speeds, gm),
-            )
+        add(out[layout.RELATIVITY], 1.0, _post_newtonian(r, speed, 0, places, speeds, gm))
+        add(out[layout.RELATIVITY], -1.0, _post_newtonian(places[0], moon_speed, 1, places, speeds, gm))
     if on[layout.SUNLIGHT]:
         add(out[layout.SUNLIGHT], 1.0, _sunlight(r, sun, earth))
     if on[layout.MOONLIGHT]:
@@ -316,10 +312,9 @@ def _gradient(r: Floats, sky: Floats, data: ForceData) -> Floats:
         rotation = sky[layout.ROTATION : layout.ROTATION + 9].reshape((3, 3))
         p = times(rotation, r)
         s = harmonic_sums(p[0], p[1], p[2], data.radius_m, data.gradient_series, data.recursion)
-        tensor = np.zeros((3, 3))  # in the axes of the field
-        tensor[0, 0], tensor[0, 1], tensor[0, 2], tensor[1, 1], tensor[1, 2] = s[0], s[1], s[2], s[3], s[4]
-        tensor[1, 0], tensor[2, 0], tensor[2, 1], tensor[2, 2] = s[1], s[2], s[4], -s[0] - s[3]
-        add_rotated(out, data.gm[0] / data.radius_m**3, tensor, rotation)
+        s *= data.gm[0] / data.radius_m**3
+        in_field_axes = np.array([[s[0], s[1], s[2]], [s[1], s[3], s[4]], [s[2], s[4], -s[0] - s[3]]])
+        out += rotation.T @ (in_field_axes @ rotation)
     if data.on[layout.TIDES]:
         tensor, square = _tensor(sky, data.gm, data.permanent), dot(r, r)
         trace = tensor[0, 0] + tensor[1, 1] + tensor[2, 2]

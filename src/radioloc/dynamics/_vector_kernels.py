@@ -59,18 +59,6 @@ def times(matrix: Floats, a: Floats) -> Floats:
 
 
 @compiled()
-def add_rotated(out: Floats, factor: float, matrix: Floats, rotation: Floats) -> None:
-    """Add a multiple of R^T M R, with a matrix M and a rotation R."""
-    for k in range(3):
-        for j in range(3):
-            product = (
-                matrix[k, 0] * rotation[0, j] + matrix[k, 1] * rotation[1, j] + matrix[k, 2] * rotation[2, j]
-            )
-            for i in range(3):
-                out[i, j] += factor * rotation[k, i] * product
-
-
-@compiled()
 def put(out: Floats, values: Floats) -> None:
     """Copy values into an array."""
     for i in range(len(values)):

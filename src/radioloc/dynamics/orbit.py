@@ -150,13 +150,7 @@ class Orbit:
         for k, leg in enumerate(self.legs):
             rows = np.flatnonzero(leg_index == k)
             if len(rows):
-                at_s, sign = (
-                    np.minimum(times_s[rows], ends_s[-1]),
-                    np.sign(leg.states[-1, 0] - leg.states[0, 0]),
-                )
-                begun = np.searchsorted(sign * leg.states[:-1, 0], sign * at_s, side="right")
-                steps = np.maximum(begun - 1, 0)
-                in_leg = interpolate(at_s, steps, leg.states, leg.dense)
+                in_leg = interpolate(np.minimum(times_s[rows], ends_s[-1]), leg.states, leg.dense)
                 out[rows] = in_leg.reshape(len(rows), -1, 6)
         landed = np.flatnonzero(times_s > ends_s[-1] + _TIME_TOLERANCE_S)
         if len(landed) and self.surface_rest is not None:

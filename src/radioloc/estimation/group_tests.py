@@ -292,7 +292,8 @@ class BinnedProblem:
         Residuals are those after a shift of the parameters (c,) and a further effect (n + k,).
         """
         _, place, sign = self._rows_of(links)
-        residual = (self.residual - self.whitened @ shift - effect)[place]
+        points, of_points = np.unique(place, return_inverse=True)
+        residual = (self.residual[points] - self.whitened[points] @ shift - effect[points])[of_points]
         count = np.bincount(self._epoch[place])
         sums = np.bincount(self._epoch[place], sign * residual)[count > 0]
         return _spread(sums / np.sqrt(count[count > 0]))

@@ -55,7 +55,7 @@ class Columns:
         out = np.zeros((len(self), len(rows))).T if out is None else out
         for end in range(ends):
             members = np.flatnonzero(code[:, end] >= 0)
-            first_column = components * code[members, end]
+            first_column = components * code[members, end].astype(np.intp)
             for component in range(components):
                 out.T[first_column + component, members] += partials[members, end, component]
         return out

@@ -11,7 +11,7 @@ from radioloc.errors import InputError
 from radioloc.estimation import Parameter
 from radioloc.parameters import ObservationRows, Scope
 from radioloc.parameters.biases import RANGE_BIAS
-from radioloc.parameters.columns import Columns, members
+from radioloc.parameters.columns import Columns, columns_of, members
 from radioloc.parameters.registry import PARAMETERS
 
 
@@ -66,3 +66,12 @@ def test_failing_functions_of_a_kind_are_named():
             Scope.STATION,
             ObservationRows(arc),
         )
+
+
+def test_each_of_many_sessions_has_columns_of_its_own():
+    """Seventy sessions of three components have more columns than a byte counts."""
+    dates = [f"2020-{month:02d}-{day:02d}T15:00:00" for month in (10, 11, 12) for day in range(1, 25)][:70]
+    rows = ObservationRows(arc_of(*dates))
+    kind = replace(PARAMETERS["moon_position"], partials=lambda rows: np.ones((len(rows), 1, 3)))
+    columns = columns_of(kind, Scope.SESSION, rows, members(kind, Scope.SESSION, rows))
+    np.testing.assert_array_equal(columns.design(rows), np.kron(np.eye(70), np.ones(3)))

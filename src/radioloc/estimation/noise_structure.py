@@ -32,7 +32,7 @@ from radioloc.estimation.series import SeriesOrder
 from radioloc.estimation.statistics import SCALING_PROBABILITY, chi2_quantile
 from radioloc.labels import USED, Labels, distinct
 from radioloc.noise.covariance import ALONE, ObservationCovariance, SharedAtEpoch, White
-from radioloc.vectors import Floats, Indices, Mask
+from radioloc.vectors import Codes, Floats, Indices, Mask
 
 MIN_OBSERVATIONS = 10  # observations that determine a variance: the standard deviation to a quarter
 _BATCHES = 10
@@ -296,11 +296,11 @@ def noise_with_shared(
     if any((is_shared & order.types.are(kind)).any() for kind in codes_of for is_shared in stated):
         return None
     for kind, codes in codes_of.items():
-        rows = np.flatnonzero(order.types.are(kind))
+        rows = np.flatnonzero(order.types.are(kind)).astype(np.int32)
         epoch = epoch_numbers(order.time_s[rows])
         names = sorted(order.of_stations(codes))
         signs = np.array([[order.series[code].signs.get(name, 0.0) for name in names] for code in codes])
-        of_code = np.searchsorted(codes, order.code[rows])
+        of_code = np.searchsorted(codes, np.arange(len(order.series))).astype(np.int32)[order.code[rows]]
         patterns = list(_patterns(fit, rows, epoch, of_code, signs, delay_sigma_m))
         variance_m2 = _components(patterns, len(names))
         if variance_m2 is None:
@@ -328,16 +328,16 @@ def noise_with_shared(
     return ObservationCovariance((White(noise_m), *structured, *shared)), sigmas_m
 
 
-def epoch_numbers(time_s: Floats) -> Indices:
+def epoch_numbers(time_s: Floats) -> Codes:
     """Return the index of the epoch of each time (n,), s, in order of time."""
     order = np.argsort(time_s, kind="stable")
-    number = np.empty(len(time_s), dtype=np.intp)
+    number = np.empty(len(time_s), dtype=np.int32)
     number[order] = np.cumsum(np.diff(time_s[order], prepend=-np.inf) > SAME_EPOCH_S) - 1
     return number
 
 
 def _patterns(
-    fit: FitResult, rows: Indices, epoch: Indices, of_code: Indices, signs: Floats, delay_sigma_m: Floats
+    fit: FitResult, rows: Codes, epoch: Codes, of_code: Codes, signs: Floats, delay_sigma_m: Floats
 ) -> Iterator[_Pattern]:
     """Epochs at which baselines with stations in common are used, by these baselines."""
     used = fit.used[rows]
@@ -360,7 +360,8 @@ def _patterns(
         means_m = np.zeros((_BATCHES, at.shape[1]))
         np.add.at(means_m, part, residual_m)
         means_m /= np.maximum(epochs, 1)[:, None]
-        yield _Pattern(signs[observed], residual_m - means_m[part], delay_sigma_m[at], part)
+        residual_m -= means_m[part]
+        yield _Pattern(signs[observed], residual_m, delay_sigma_m[at], part)
 
 
 def _components(patterns: Sequence[_Pattern], stations: int) -> Floats | None:

@@ -158,7 +158,7 @@ def same_epoch(epoch: Epochs) -> Indices:
     """Return the number of the epoch of each time tag (UTC) of delays, in order of time, shape (n,)."""
     tai = utc_to_tai(epoch)
     elapsed_s = tai.seconds_since(tai[np.zeros(len(tai), dtype=int)])
-    number = epoch_numbers(elapsed_s)
+    number = epoch_numbers(elapsed_s).astype(np.intp)
     first_s = np.full(number.max() + 1, np.inf)
     np.minimum.at(first_s, number, elapsed_s)
     if (elapsed_s - first_s[number]).max() > SAME_EPOCH_S:

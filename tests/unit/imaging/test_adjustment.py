@@ -48,11 +48,11 @@ def test_covariance_is_that_of_dense_normal_equations(doubled):
     """Include homographies and places, with partials by differences; some pixels are observed twice."""
     chain = Chain(images=3, map_below=2, tied=8, on_map=8)
     ties = drawn_ties(chain, np.random.default_rng(2), sigma_px=0.5, map_sigma_m=2.0, outliers=0.0)
-    twice = {
+    columns = {
         name: np.concatenate([getattr(ties, name), getattr(ties, name)[:doubled]])
         for name in ("image", "point", "pixels", "sigma_px")
     }
-    ties = replace(ties, **twice)
+    ties = replace(ties, **columns)
     result = chain.adjusted(ties)
     keep, on_map = result.used, result.map_used
     image, point = ties.image[keep], ties.point[keep]

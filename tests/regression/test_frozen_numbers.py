@@ -7,6 +7,7 @@ meant to move a number renews its file and says why in ``numbers/README.md``.
 import io
 import json
 import math
+import re
 import sys
 from collections.abc import Iterator
 from contextlib import redirect_stdout
@@ -26,6 +27,9 @@ TRACKING = ROOT.parent / "shared" / "data" / "odf"
 
 SIGMA_FRACTION = 1e-9
 """Largest change of a number in units of its standard deviation, or relative where it has none."""
+
+ANY_PROCESSOR_FRACTION = 1e-3
+"""Ten times the largest change of an estimate by the rounding of another processor, in units of its sigma."""
 
 ROUNDING_STEPS = 8
 """Largest change in steps of double precision: those of coordinates, 2e-10 m, exceed 1e-9 of a small sigma."""
@@ -147,6 +151,19 @@ def test_numbers_are_frozen(name):
     frozen = json.loads((NUMBERS / f"{name}.json").read_text(encoding="utf-8"))
     found = list(differences(frozen, numbers_of(JOBS[name])))
     assert not found, "\n".join(found[:20])
+
+
+@pytest.mark.study
+@pytest.mark.parametrize("name", [name for name in JOBS if re.match(r"locate_(?!orb)", name)])
+def test_positions_and_sigmas_are_those_of_any_processor(name):
+    """Other processors round ranges otherwise, so that frozen numbers differ there and hide changes of the model."""
+    frozen = json.loads((NUMBERS / f"{name}.json").read_text(encoding="utf-8"))
+    computed = numbers_of(JOBS[name])
+    for level in ("formal", "scaled"):
+        sigmas_m = [list(item["sigma"][level].values()) for item in (frozen, computed)]
+        np.testing.assert_allclose(*sigmas_m, rtol=ANY_PROCESSOR_FRACTION)
+    places_m = [[item["position"]["me"][f"{axis}_m"] for axis in "xyz"] for item in (frozen, computed)]
+    np.testing.assert_allclose(*places_m, rtol=0.0, atol=ANY_PROCESSOR_FRACTION * min(sigmas_m[0]))
 
 
 if __name__ == "__main__":

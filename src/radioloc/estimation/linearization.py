@@ -154,6 +154,12 @@ class WhitenedPartials:
     # Takes observations that are rejected, but still in the parts, out of a part in place, from its first row on.
     project: Callable[[Floats, int], None] | None = None
 
+    @classmethod
+    def from_basis(cls, whitening: Whitener, basis: Floats, from_free: Floats) -> WhitenedPartials:
+        """Whiten the partials (n, q) by coordinates."""
+        parts = tuple(whitening.whitened(lambda rows: basis[rows]))
+        return cls(parts, from_free, tuple(gram(part, part) for part in parts))
+
     def combined(self, root: Floats) -> Iterator[Floats]:
         """Yield partials of combinations of the free parameters, the columns of `root` (q, r), part by part, (m, r)."""
         from_coordinates, start = self.from_free @ root, 0
@@ -391,9 +397,8 @@ class OrthonormalLinearization:
         """Rows (q, q + 1) equivalent to the normal equations, and whitened partials."""
         basis, from_free, whitened = self.problem.basis, self.problem.from_free, self.whitened
         if whitened is None or not isinstance(whitening, LinkedWhitener):
-            parts = tuple(whitening.whitened(lambda rows: basis[rows]))
             residuals = list(whitening.whitened(column(self.residual_m)))
-            whitened = WhitenedPartials(parts, from_free, tuple(gram(part, part) for part in parts))
+            whitened = WhitenedPartials.from_basis(whitening, basis, from_free)
         else:
             residuals = list(whitening.stated.whitened(column(self.residual_m)))
             if whitening.filter is not None:

@@ -16,7 +16,7 @@ import numpy as np
 
 from radioloc.constants import SECONDS_PER_DAY
 from radioloc.estimation.gauss_markov import Points, Series, SeriesNoise
-from radioloc.estimation.linearization import WhitenedPartials, gram
+from radioloc.estimation.linearization import WhitenedPartials
 from radioloc.labels import Labels, changed, distinct
 from radioloc.measurements.link import Link
 from radioloc.measurements.predictor import ROWS_AT_ONCE
@@ -245,10 +245,7 @@ class StatedSeries:
         series = independent_series(order, noise, usable)
         if not series.is_local:
             return None
-        parts = tuple(series.whitened(lambda rows: basis[rows]))
-        return cls(
-            noise, series, WhitenedPartials(parts, from_free, tuple(gram(part, part) for part in parts))
-        )
+        return cls(noise, series, WhitenedPartials.from_basis(series, basis, from_free))
 
     def with_rejections(self, rejected: Mask) -> tuple[IndependentSeries, WhitenedPartials] | None:
         """Return the series without the rejected observations (n,), and their partials; None for many of a series."""

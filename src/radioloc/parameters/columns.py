@@ -32,7 +32,7 @@ class Columns:
     members: tuple[str, ...]  # their owners
     spans_utc: tuple[tuple[str, str] | None, ...]  # first and last epoch of a pass
     # Group by index of the member, the last -1; of passes by observation, shape (n, ends).
-    code: NDArray[np.int32]
+    code: NDArray[np.signedinteger[Any]]
 
     def __len__(self) -> int:
         return len(self.names) * len(self.kind.components)
